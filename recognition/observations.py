@@ -1,0 +1,178 @@
+"""The values that flow through the runtime, from pixels to tracks; all immutable.
+
+Workers are COCO-17 skeletons. A joint that is not known is NaN, never 0. ``V`` is the number of the rig's
+cameras, in rig order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcal.geometry import Floats, Ints, frozen_array
+
+JOINTS = (
+    "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow",
+    "right_elbow", "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle",
+    "right_ankle",
+)  # fmt: skip
+"""COCO-17 joint names, in order."""
+
+LIMBS = (
+    (0, 1), (0, 2), (1, 3), (2, 4), (5, 6), (5, 7), (7, 9), (6, 8), (8, 10), (5, 11), (6, 12), (11, 12), (11, 13),
+    (13, 15), (12, 14), (14, 16),
+)  # fmt: skip
+"""Pairs of joints that a skeleton's lines join."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewDetections:
+    """What one camera saw at one instant, in distorted pixels at the rig's image size."""
+
+    people_px: Floats
+    """(P, 17, 2) joints of P people; NaN where a joint was not detected."""
+    people_score: Floats
+    """(P, 17) score of each joint, 0..1; 0 where it was not detected."""
+    object_class: tuple[str, ...]
+    """(K,) class of each object."""
+    object_xyxy: Floats
+    """(K, 4) boxes: left, top, right, bottom."""
+    object_score: Floats
+    """(K,) scores, 0..1."""
+
+    def __post_init__(self) -> None:
+        people, objects = len(self.people_px), len(self.object_class)
+        checks: tuple[tuple[str, tuple[int | None, ...]], ...] = (
+            ("people_px", (people, 17, 2)),
+            ("people_score", (people, 17)),
+            ("object_xyxy", (objects, 4)),
+            ("object_score", (objects,)),
+        )
+        for name, shape in checks:
+            object.__setattr__(self, name, frozen_array(getattr(self, name), np.float64, name, shape))
+
+    @classmethod
+    def empty(cls) -> ViewDetections:
+        """Nothing seen."""
+        return cls(np.zeros((0, 17, 2)), np.zeros((0, 17)), (), np.zeros((0, 4)), np.zeros(0))
+
+    @property
+    def object_px(self) -> Floats:
+        """(K, 2) centres of the boxes."""
+        return np.asarray((self.object_xyxy[:, :2] + self.object_xyxy[:, 2:]) / 2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewFrame:
+    """One camera's frame of a frame set."""
+
+    frame_idx: int
+    """Index of the frame within its camera's stream."""
+    t_ns: int
+    """Capture time in rig time, nanoseconds."""
+    image_bgr: NDArray[np.uint8]
+    """(H, W, 3) decoded image."""
+    encoded: bytes | None = None
+    """The camera's own bytes for this frame, where they can be recorded as they are."""
+    encoding: str = ""
+    """``h264`` (Annex B), ``jpeg`` or ``png``: the form of ``encoded``."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameSet:
+    """The frames of one instant, one per camera at the most."""
+
+    index: int
+    """Number of the instant, from 0."""
+    t_ns: int
+    """Rig time in nanoseconds."""
+    views: tuple[ViewFrame | None, ...]
+    """(V,) frames in rig order; None where a camera has none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class People3D:
+    """Workers of one instant, triangulated, without identity."""
+
+    joints_m: Floats
+    """(M, 17, 3) joints in the rig frame; NaN where fewer than two cameras gave the joint."""
+    views: Ints
+    """(M, 17) how many cameras gave each joint."""
+    error_px: Floats
+    """(M, 17) root-mean-square reprojection error in undistorted pixels; NaN where the joint is."""
+    members: Ints
+    """(M, V) index of the detection in each view, -1 where none."""
+
+    def __post_init__(self) -> None:
+        count = len(self.joints_m)
+        checks: tuple[tuple[str, Any, tuple[int | None, ...]], ...] = (
+            ("joints_m", np.float64, (count, 17, 3)),
+            ("views", np.int64, (count, 17)),
+            ("error_px", np.float64, (count, 17)),
+            ("members", np.int64, (count, None)),
+        )
+        for name, dtype, shape in checks:
+            object.__setattr__(self, name, frozen_array(getattr(self, name), dtype, name, shape))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Objects3D:
+    """Objects of one instant: the paper's weak pose, the triangulated centre of the boxes."""
+
+    classes: tuple[str, ...]
+    """(K,) classes."""
+    centre_m: Floats
+    """(K, 3) in the rig frame; NaN where fewer than two cameras saw it."""
+    views: Ints
+    """(K,) how many cameras saw it."""
+    error_px: Floats
+    """(K,) root-mean-square reprojection error in undistorted pixels."""
+    members: Ints
+    """(K, V) index of the detection in each view, -1 where none."""
+
+    def __post_init__(self) -> None:
+        count = len(self.classes)
+        checks: tuple[tuple[str, Any, tuple[int | None, ...]], ...] = (
+            ("centre_m", np.float64, (count, 3)),
+            ("views", np.int64, (count,)),
+            ("error_px", np.float64, (count,)),
+            ("members", np.int64, (count, None)),
+        )
+        for name, dtype, shape in checks:
+            object.__setattr__(self, name, frozen_array(getattr(self, name), dtype, name, shape))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorkerTrack:
+    """A worker with an identity, at one instant."""
+
+    track_id: int
+    joints_m: Floats
+    """(17, 3) in the rig frame; NaN: not known at this instant."""
+    views: Ints
+    """(17,) how many cameras gave each joint."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectTrack:
+    """An object with an identity, at one instant."""
+
+    track_id: int
+    object_class: str
+    centre_m: Floats
+    """(3,) in the rig frame."""
+    views: int
+    """How many cameras saw it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """Everything known in 3D at one instant."""
+
+    index: int
+    t_ns: int
+    workers: tuple[WorkerTrack, ...]
+    objects: tuple[ObjectTrack, ...]

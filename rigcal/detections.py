@@ -1,0 +1,120 @@
+"""What was found of the board in the images of a capture: the input of every calibration stage."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rigcal.board import Board
+from rigcal.geometry import Floats, Ints, frozen_array
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something that was done to one frame's board, to be told to the user."""
+
+    frame: str
+    """Name of the frame: an image's stem, or a video's frame number with six digits."""
+    action: str
+    """``dropped``, ``unflipped`` or ``downweighted``."""
+    reason: str
+    """Why, with figures."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardView:
+    """The board as one camera saw it in one frame."""
+
+    frame_idx: int
+    """Index of the frame within its camera's frames."""
+    corner_ids: Ints
+    """(n,) indices into ``board.corners_in_board``, ascending."""
+    corners_px: Floats
+    """(n, 2) pixels, distorted, origin at the centre of the top-left pixel."""
+
+    def __post_init__(self) -> None:
+        ids = frozen_array(self.corner_ids, np.int64, "corner_ids", (None,))
+        object.__setattr__(self, "corner_ids", ids)
+        object.__setattr__(
+            self, "corners_px", frozen_array(self.corners_px, np.float64, "corners_px", (len(ids), 2))
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class BoardDetections:
+    """Every board view of one camera."""
+
+    camera_id: str
+    size_wh: tuple[int, int]
+    """Image width and height in pixels."""
+    frames: tuple[str, ...]
+    """Name of every frame that was looked at."""
+    views: tuple[BoardView, ...]
+    """Frames in which the board was found, by ``frame_idx``, each at most once."""
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instants:
+    """Which frames of different cameras belong to one instant."""
+
+    rule: str
+    """How they were found: ``timestamps.csv``, ``file times``, ``frame numbers`` or ``none``."""
+    frame_idx: Ints
+    """(I, C) index of each camera's frame at each instant, -1 where it has none; cameras in capture order."""
+    t_s: Floats
+    """(I,) time of each instant in seconds where the rule knows times, else the frame number."""
+    spread_s: Floats
+    """(I,) greatest time difference within each instant in seconds; zeros where the rule knows no times."""
+
+    def __post_init__(self) -> None:
+        frame_idx = frozen_array(self.frame_idx, np.int64, "frame_idx", (None, None))
+        object.__setattr__(self, "frame_idx", frame_idx)
+        for name in ("t_s", "spread_s"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), np.float64, name, (len(frame_idx),)))
+
+
+@dataclass(frozen=True, slots=True)
+class SiteDetections:
+    """Every board view of every camera of a capture, and which belong together."""
+
+    board: Board
+    cameras: tuple[BoardDetections, ...]
+    """In rig order; the first is the reference."""
+    instants: Instants
+    digest: str = field(default="")
+    """SHA-256 over the contents of the images and videos, hexadecimal."""
+
+    @property
+    def camera_ids(self) -> tuple[str, ...]:
+        """Identifiers in rig order."""
+        return tuple(camera.camera_id for camera in self.cameras)
+
+
+def view_at(camera: BoardDetections) -> dict[int, BoardView]:
+    """Board views of a camera by frame index."""
+    return {view.frame_idx: view for view in camera.views}
+
+
+def shared_views(
+    detections: SiteDetections, first: int, second: int, *, min_corners: int = 6
+) -> list[tuple[int, BoardView, BoardView]]:
+    """Instants at which both cameras (by index) see at least ``min_corners`` corners, not necessarily the same.
+
+    Returns:
+        (instant, view of the first camera, view of the second camera), by instant.
+    """
+    at_first, at_second = view_at(detections.cameras[first]), view_at(detections.cameras[second])
+    pairs = []
+    for instant, frames in enumerate(detections.instants.frame_idx):
+        one, two = at_first.get(int(frames[first])), at_second.get(int(frames[second]))
+        if one and two and min(len(one.corner_ids), len(two.corner_ids)) >= min_corners:
+            pairs.append((instant, one, two))
+    return pairs
+
+
+def join_findings(*groups: Sequence[Finding]) -> tuple[Finding, ...]:
+    """All findings, by frame."""
+    return tuple(sorted((f for group in groups for f in group), key=lambda f: (f.frame, f.action)))

@@ -1,0 +1,276 @@
+"""The exception tree of rigcal.
+
+    RigcalError
+    ├── BoardSpecError            a --board string that cannot be read, or a size without a unit
+    ├── SiteFileError             a hand-written site file with a mistake
+    ├── OptionError               an option of a stage outside its range
+    ├── CaptureError              a capture folder, image or video that cannot be used
+    │   ├── EmptyCaptureError
+    │   ├── BrokenFileError
+    │   ├── TimestampsError
+    │   └── ImageSizeError
+    ├── DetectionError            images are readable, the board is not in them
+    │   ├── NoBoardError
+    │   └── WrongBoardError
+    ├── CalibrationError          boards were found, the rig cannot be computed from them
+    │   ├── TooFewViewsError
+    │   └── NotConnectedError
+    ├── RigFileError              a rig file that must not be used
+    │   ├── RigFileDigestError
+    │   ├── RigFileVersionError
+    │   └── RigFileSchemaError
+    └── FormatError               another tool's file
+        └── LossyExportError
+
+Every message says what is wrong, where, what was expected, what was got, and what to do next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+
+class RigcalError(Exception):
+    """A problem that the user can mend; its message is complete and is shown without a traceback."""
+
+    def __init__(
+        self, what: str, *, where: object = None, expected: object = None, got: object = None, do_next: str
+    ) -> None:
+        self.what, self.do_next = what, do_next
+        self.where, self.expected, self.got = (None if v is None else str(v) for v in (where, expected, got))
+        super().__init__(self._message())
+
+    def _message(self) -> str:
+        lines = [self.what]
+        rows = (
+            ("where", self.where),
+            ("expected", self.expected),
+            ("got", self.got),
+            ("do next", self.do_next),
+        )
+        lines += [f"  {name + ':':<10}{value}" for name, value in rows if value is not None]
+        return "\n".join(lines)
+
+
+class OptionError(RigcalError):
+    """An option of a stage is outside its range."""
+
+    def __init__(self, name: str, *, expected: str, got: object) -> None:
+        super().__init__(
+            f"option {name} is out of range",
+            expected=expected,
+            got=repr(got),
+            do_next=f"give {name} as {expected}",
+        )
+
+
+class BoardSpecError(RigcalError):
+    """A board specification that cannot be read."""
+
+    def __init__(self, spec: str, *, problem: str, expected: str) -> None:
+        super().__init__(
+            f"cannot read the board {spec!r}: {problem}",
+            expected=expected,
+            got=repr(spec),
+            do_next="write it like checkerboard:9x6:25mm, charuco:4x5:54mm:marker=0.75:dict=DICT_4X4_1000 "
+            "or aprilgrid:6x6:88mm:spacing=0.3:family=tag36h11",
+        )
+
+
+class SiteFileError(RigcalError):
+    """A site file that cannot be used."""
+
+    def __init__(self, path: Path | str, *, problem: str, expected: str, got: object, do_next: str) -> None:
+        super().__init__(f"site file: {problem}", where=path, expected=expected, got=got, do_next=do_next)
+
+
+class CaptureError(RigcalError):
+    """A capture that cannot be used."""
+
+
+class EmptyCaptureError(CaptureError):
+    """A folder holds no camera's images or videos."""
+
+    def __init__(self, path: Path, *, got: str) -> None:
+        super().__init__(
+            "no camera images or videos here",
+            where=path,
+            expected="one folder of images per camera, one video per camera, or images named like left01.jpg",
+            got=got,
+            do_next="give the folder that directly holds the cameras' folders, videos or images",
+        )
+
+
+class BrokenFileError(CaptureError):
+    """An image or a video that cannot be decoded."""
+
+    def __init__(self, path: Path, *, expected: str, got: str) -> None:
+        super().__init__(
+            "cannot decode this file",
+            where=path,
+            expected=expected,
+            got=got,
+            do_next="copy it again from the camera, or remove it and run again",
+        )
+
+
+class TimestampsError(CaptureError):
+    """``timestamps.csv`` contradicts the capture beside it."""
+
+    def __init__(self, path: Path, *, problem: str, expected: str, got: str) -> None:
+        super().__init__(
+            f"timestamps: {problem}",
+            where=path,
+            expected=expected,
+            got=got,
+            do_next="mend the file, or remove it to group by file names or frame numbers instead",
+        )
+
+
+class ImageSizeError(CaptureError):
+    """Images of one camera differ in size, within a capture or between captures."""
+
+    def __init__(
+        self,
+        camera_id: str,
+        *,
+        where: object,
+        expected_wh: tuple[int, int],
+        got_wh: tuple[int, int],
+        source: str,
+    ) -> None:
+        super().__init__(
+            f"camera {camera_id} has images of another size",
+            where=where,
+            expected=f"{expected_wh[0]}x{expected_wh[1]} px, as in {source}",
+            got=f"{got_wh[0]}x{got_wh[1]} px",
+            do_next="record at one resolution, crop and rotation; calibrate each resolution by itself",
+        )
+
+
+class DetectionError(RigcalError):
+    """The images are readable, but the board is not found in them."""
+
+
+class NoBoardError(DetectionError):
+    """A camera in which no board was found, and no other board either."""
+
+    def __init__(self, camera_id: str, *, board: str, images: int, tried: Sequence[str]) -> None:
+        super().__init__(
+            f"no board found in camera {camera_id}",
+            where=f"camera {camera_id}, {images} images",
+            expected=f"{board} in at least one image",
+            got=f"0 boards; also tried, and not found: {', '.join(tried)}",
+            do_next="check that the whole board with its white margin is in view, sharp and lit, nearer than "
+            "40 squares' width, and that --board counts inner corners (checkerboard) or squares (charuco)",
+        )
+
+
+class WrongBoardError(DetectionError):
+    """Another board than the one given is in the images."""
+
+    def __init__(
+        self, *, given: str, found: str, found_count: int, given_count: int, images: int, spec: str
+    ) -> None:
+        super().__init__(
+            f"the board is not {given}",
+            expected=f"{given} in most images",
+            got=f"{given} in {given_count} of {images} images; {found} is found in {found_count} of {images}",
+            do_next=f"run again with --board {spec}",
+        )
+
+
+class CalibrationError(RigcalError):
+    """Boards were found, but the rig cannot be computed from them."""
+
+
+class TooFewViewsError(CalibrationError):
+    """A camera with too few usable board views."""
+
+    def __init__(self, camera_id: str, *, views: int, needed: int, dropped: int = 0) -> None:
+        detail = f"{views} usable views" + (f" ({dropped} were dropped as bad)" if dropped else "")
+        super().__init__(
+            f"camera {camera_id} has too few board views to be calibrated",
+            where=f"camera {camera_id}",
+            expected=f"at least {needed} views of the board in different positions and tilts",
+            got=detail,
+            do_next=f"show the board to {camera_id} at several distances, tilted 20-45 degrees, in every corner "
+            "of its image",
+        )
+
+
+class NotConnectedError(CalibrationError):
+    """Groups of cameras that no board view joins to the reference camera."""
+
+    def __init__(self, groups: Sequence[Sequence[str]], *, needed: int, bridge: tuple[str, str]) -> None:
+        named = "; ".join("{" + ", ".join(group) + "}" for group in groups)
+        super().__init__(
+            f"cameras are not connected to {groups[0][0]}: no shared board views join {len(groups)} groups",
+            where=f"groups {named}",
+            expected=f"every camera reached from {groups[0][0]} through pairs with {needed} or more shared board views",
+            got=f"{len(groups)} groups without a shared view between them",
+            do_next=f"show the board to {bridge[0]} and {bridge[1]} at the same time in {needed} or more positions, "
+            "and add those images to the capture",
+        )
+
+
+class RigFileError(RigcalError):
+    """A rig file that must not be used."""
+
+
+class RigFileDigestError(RigFileError):
+    """The content does not match the digest: the file was edited by hand or damaged."""
+
+    def __init__(self, path: Path | str, *, expected: str, got: str) -> None:
+        super().__init__(
+            "the rig file was changed after rigcal wrote it",
+            where=path,
+            expected=f"digest {expected}",
+            got=f"digest {got}",
+            do_next="restore the file that rigcal wrote, or calibrate again with rigcal calibrate; rig files are "
+            "not edited by hand",
+        )
+
+
+class RigFileVersionError(RigFileError):
+    """The file was written by a newer rigcal."""
+
+    def __init__(self, path: Path | str, *, expected: int, got: object) -> None:
+        super().__init__(
+            f"the rig file has format version {got}, this rigcal reads version {expected}",
+            where=path,
+            expected=f"version {expected}",
+            got=f"version {got}",
+            do_next="upgrade rigcal, or calibrate again with this one",
+        )
+
+
+class RigFileSchemaError(RigFileError):
+    """The file does not have the rig file's form: a missing, unknown or malformed entry."""
+
+    def __init__(self, path: Path | str, *, entry: str, expected: str, got: object) -> None:
+        super().__init__(
+            f"not a valid rig file: {entry}",
+            where=path,
+            expected=expected,
+            got=got,
+            do_next="use a file written by rigcal calibrate or rigcal import; own entries belong under extensions",
+        )
+
+
+class FormatError(RigcalError):
+    """A file of another tool that cannot be read or written."""
+
+
+class LossyExportError(FormatError):
+    """The target format has no place for a coefficient that is not zero."""
+
+    def __init__(self, *, camera_id: str, model: str, to: str, coefficients: Sequence[str], do_next: str) -> None:
+        super().__init__(
+            f"{to} cannot hold every coefficient of camera {camera_id}",
+            where=f"camera {camera_id}, model {model}",
+            expected=f"a lens model that {to} can store without loss",
+            got=", ".join(coefficients),
+            do_next=do_next,
+        )
