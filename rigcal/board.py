@@ -207,9 +207,7 @@ def _flag(spec: str, options: dict[str, str], name: str) -> bool:
 
 def _checkerboard(spec: str, columns: int, rows: int, size_m: float, _options: dict[str, str]) -> Board:
     if min(columns, rows) < 3:
-        raise BoardSpecError(
-            spec, problem="too few inner corners", expected="at least 3x3 inner corners (4x4 squares)"
-        )
+        raise BoardSpecError(spec, problem="too few inner corners", expected="at least 3x3 inner corners (4x4 squares)")
     return Checkerboard(columns, rows, size_m)
 
 

@@ -37,9 +37,7 @@ class BoardView:
     def __post_init__(self) -> None:
         ids = frozen_array(self.corner_ids, np.int64, "corner_ids", (None,))
         object.__setattr__(self, "corner_ids", ids)
-        object.__setattr__(
-            self, "corners_px", frozen_array(self.corners_px, np.float64, "corners_px", (len(ids), 2))
-        )
+        object.__setattr__(self, "corners_px", frozen_array(self.corners_px, np.float64, "corners_px", (len(ids), 2)))
 
 
 @dataclass(frozen=True, slots=True)

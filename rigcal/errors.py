@@ -170,9 +170,7 @@ class NoBoardError(DetectionError):
 class WrongBoardError(DetectionError):
     """Another board than the one given is in the images."""
 
-    def __init__(
-        self, *, given: str, found: str, found_count: int, given_count: int, images: int, spec: str
-    ) -> None:
+    def __init__(self, *, given: str, found: str, found_count: int, given_count: int, images: int, spec: str) -> None:
         super().__init__(
             f"the board is not {given}",
             expected=f"{given} in most images",

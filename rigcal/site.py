@@ -22,40 +22,44 @@ class _Strict(BaseModel):
 class GateLimits(_Strict):
     """The limit of every gate. A value on the wrong side of its limit means RECAPTURE."""
 
-    intrinsic_rmse_px: PositiveFloat = Field(0.5, description="RMSE of each camera calibrated alone, at most")
+    intrinsic_rmse_px: PositiveFloat = Field(default=0.5, description="RMSE of each camera calibrated alone, at most")
     pairwise_rmse_px: PositiveFloat = Field(
-        2.0, description="RMSE of the last pair of a camera's chain solved alone, intrinsics held, at most"
+        default=2.0, description="RMSE of the last pair of a camera's chain solved alone, intrinsics held, at most"
     )
-    refined_rmse_px: PositiveFloat = Field(1.0, description="RMSE of each camera after the joint solve, at most")
+    refined_rmse_px: PositiveFloat = Field(
+        default=1.0, description="RMSE of each camera after the joint solve, at most"
+    )
     held_out_ratio: PositiveFloat = Field(
-        1.5, description="RMSE of board views kept out of the solve over the refined RMSE, at most"
+        default=1.5, description="RMSE of board views kept out of the solve over the refined RMSE, at most"
     )
-    focal_sigma_percent: PositiveFloat = Field(1.0, description="one sigma of the focal length, at most")
+    focal_sigma_percent: PositiveFloat = Field(default=1.0, description="one sigma of the focal length, at most")
     position_sigma_m: PositiveFloat = Field(
-        0.02, description="one sigma of a camera's position relative to the reference, at most"
+        default=0.02, description="one sigma of a camera's position relative to the reference, at most"
     )
     scene_sigma_m: PositiveFloat = Field(
-        0.02, description="one sigma of a triangulated point at the scene's centre, at most"
+        default=0.02, description="one sigma of a triangulated point at the scene's centre, at most"
     )
     split_half: PositiveFloat = Field(
-        5.0, description="difference of two halves of the views solved apart, over its own sigma, at most"
+        default=5.0, description="difference of two halves of the views solved apart, over its own sigma, at most"
     )
     solver_agreement: PositiveFloat = Field(
-        1.0, description="difference from an independent second solver, over its own sigma, at most"
+        default=1.0, description="difference from an independent second solver, over its own sigma, at most"
     )
-    views: PositiveInt = Field(6, description="board views used of each camera, at least")
+    views: PositiveInt = Field(default=6, description="board views used of each camera, at least")
     tilt_spread_deg: PositiveFloat = Field(
-        15.0, description="spread of the board's tilt over the views of a camera, at least"
+        default=15.0, description="spread of the board's tilt over the views of a camera, at least"
     )
-    image_coverage: Ratio = Field(0.25, description="share of a camera's image that board views covered, at least")
+    image_coverage: Ratio = Field(
+        default=0.25, description="share of a camera's image that board views covered, at least"
+    )
     chain_overlap_views: PositiveInt = Field(
-        4, description="shared board views of each pair on the chain to the reference, at least"
+        default=4, description="shared board views of each pair on the chain to the reference, at least"
     )
     scale_percent: PositiveFloat = Field(
-        2.0, description="difference of a measured length from the given one, where one was given, at most"
+        default=2.0, description="difference of a measured length from the given one, where one was given, at most"
     )
     clock_error_m: PositiveFloat = Field(
-        0.02, description="fastest motion times clock error, where clocks were measured, at most"
+        default=0.02, description="fastest motion times clock error, where clocks were measured, at most"
     )
 
 
