@@ -20,6 +20,8 @@
     │   ├── RigFileVersionError
     │   └── RigFileSchemaError
     └── FormatError               another tool's file
+        ├── FormatEntryError
+        ├── UnknownFormatError
         └── LossyExportError
 
 Every message says what is wrong, where, what was expected, what was got, and what to do next.
@@ -259,6 +261,32 @@ class RigFileSchemaError(RigFileError):
 
 class FormatError(RigcalError):
     """A file of another tool that cannot be read or written."""
+
+
+class FormatEntryError(FormatError):
+    """An entry of another tool's file that is missing or malformed."""
+
+    def __init__(self, path: Path | str, entry: str, *, expected: str, got: object) -> None:
+        super().__init__(
+            f"cannot use the entry {entry or '(top level)'}",
+            where=path,
+            expected=expected,
+            got=got,
+            do_next="mend that entry, or write the file again with the tool that made it",
+        )
+
+
+class UnknownFormatError(FormatError):
+    """A format that rigcal does not know, cannot recognise, or cannot use in this direction."""
+
+    def __init__(self, problem: str, *, where: object, formats: Sequence[str], got: str, option: str) -> None:
+        super().__init__(
+            problem,
+            where=where,
+            expected="one of " + ", ".join(formats),
+            got=got,
+            do_next=f"name one of these formats with {option}",
+        )
 
 
 class LossyExportError(FormatError):

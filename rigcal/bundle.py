@@ -1,0 +1,412 @@
+"""Bundle adjustment with boards as the world: the one solver behind intrinsics, pairs and the joint solve.
+
+In the frame of a board its corners are constants and the cameras move, so a board's rigidity holds by construction.
+Unknowns are each camera's coefficients and ``cam_from_rig``, and one ``rig_from_board`` per board position. The normal
+equations have a small block for the cameras and a 6x6 block per board; the boards are eliminated (Schur complement),
+and the inverse of the reduced system is the covariance of the cameras (Triggs et al., Bundle Adjustment - A Modern
+Synthesis, 2000, sections 4 and 6).
+
+Why a solver of our own beside pycolmap: it takes a weight per corner, priors, single held coefficients and the lens
+with five coefficients, and it gives the covariance. Derivatives of the lens are OpenCV's (``cv2.projectPoints``); those
+of the poses are left perturbations, see :mod:`rigcal.geometry`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag, cho_factor, cho_solve
+
+from rigcal.camera import Camera
+from rigcal.detections import BoardView
+from rigcal.geometry import Bools, Floats, Ints, Pose, frozen_array
+
+POSE = 6  # rotation (3) then translation (3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observations:
+    """Corners seen by cameras, sorted by (camera, board): one row per corner.
+
+    Raises:
+        ValueError: for rows out of order or arrays of unequal length.
+    """
+
+    corners_in_board: Floats
+    """(K, 3) corners of the board in metres."""
+    camera_idx: Ints
+    """(N,) which camera."""
+    board_idx: Ints
+    """(N,) which board position."""
+    frame_idx: Ints
+    """(N,) which frame of that camera."""
+    corner_ids: Ints
+    """(N,) which corner of the board."""
+    pixels: Floats
+    """(N, 2) distorted pixels."""
+
+    def __post_init__(self) -> None:
+        count = len(self.camera_idx)
+        order = np.lexsort((self.board_idx, self.camera_idx))
+        if (np.diff(order) < 0).any():
+            raise ValueError("observations must be sorted by camera, then board")
+        object.__setattr__(
+            self, "corners_in_board", frozen_array(self.corners_in_board, np.float64, "corners_in_board", (None, 3))
+        )
+        object.__setattr__(self, "pixels", frozen_array(self.pixels, np.float64, "pixels", (count, 2)))
+        for name in ("camera_idx", "board_idx", "frame_idx", "corner_ids"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), np.int64, name, (count,)))
+
+    @classmethod
+    def of(cls, corners_in_board: Floats, entries: Sequence[tuple[int, int, BoardView]]) -> Observations:
+        """From (camera index, board index, view) entries in any order."""
+        entries = sorted(entries, key=lambda entry: entry[:2])
+        sizes = [len(view.corner_ids) for _, _, view in entries]
+
+        def repeated(values: Sequence[int]) -> Ints:
+            return np.repeat(np.asarray(values, dtype=np.int64), sizes)
+
+        return cls(
+            corners_in_board,
+            repeated([camera for camera, _, _ in entries]),
+            repeated([board for _, board, _ in entries]),
+            repeated([view.frame_idx for _, _, view in entries]),
+            np.concatenate([view.corner_ids for _, _, view in entries] or [np.zeros(0, dtype=np.int64)]),
+            np.concatenate([view.corners_px for _, _, view in entries] or [np.zeros((0, 2))]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.camera_idx)
+
+    @property
+    def points_in_board(self) -> Floats:
+        """(N, 3) metres."""
+        return np.asarray(self.corners_in_board[self.corner_ids])
+
+    def subset(self, keep: Bools) -> Observations:
+        """The rows where ``keep`` (N,) is true."""
+        return Observations(
+            self.corners_in_board,
+            self.camera_idx[keep],
+            self.board_idx[keep],
+            self.frame_idx[keep],
+            self.corner_ids[keep],
+            self.pixels[keep],
+        )
+
+    @property
+    def view_starts(self) -> Ints:
+        """(W,) first row of each view: a run of rows with one camera and one board."""
+        key = self.camera_idx * (self.board_idx.max(initial=0) + 1) + self.board_idx
+        return np.asarray(np.flatnonzero(np.concatenate([[len(key) > 0], np.diff(key) != 0])))
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Cameras and boards: what the solver moves."""
+
+    cameras: tuple[Camera, ...]
+    cam_from_rig: tuple[Pose, ...]
+    rig_from_board: tuple[Pose, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Freedom:
+    """What the solver may change, and what is known beforehand."""
+
+    params: tuple[Bools, ...]
+    """Per camera (P,): coefficients that are free."""
+    poses: Bools
+    """(C,) cameras whose ``cam_from_rig`` is free; at least one is held, which fixes the frame."""
+    prior_mean: tuple[Floats, ...] = ()
+    """Per camera (P,): prior of each coefficient; empty: no priors."""
+    prior_sigma: tuple[Floats, ...] = ()
+    """Per camera (P,): one sigma of the prior; infinite where there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class SolveOptions:
+    """How to solve.
+
+    Raises:
+        ValueError: for values outside their range.
+    """
+
+    sigma_px: float = 0.25
+    """Expected noise of a corner per axis: weighs data against priors, and scales the robust loss."""
+    robust: bool = False
+    """Use the Cauchy loss at ``3 sigma_px`` instead of least squares."""
+    max_iterations: int = 100
+    """Iterations at the most."""
+    tolerance: float = 1e-10
+    """Converged when the cost falls by less than this, relatively."""
+
+    def __post_init__(self) -> None:
+        if not (self.sigma_px > 0 and self.max_iterations > 0 and self.tolerance > 0):
+            raise ValueError(f"solver options must be positive: {self}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """A solved bundle and its evidence."""
+
+    state: State
+    residuals_px: Floats
+    """(N, 2) observed minus projected pixels."""
+    covariance: Floats
+    """(D, D) of the free camera unknowns for unit noise of 1 px per axis, priors as given; order of ``index``."""
+    index: tuple[tuple[int, int], ...]
+    """(D) (camera, unknown) of each row: unknowns 0-5 are the pose, 6 and up the coefficients."""
+    sigma_px: float
+    """Noise per axis estimated from the residuals and the degrees of freedom."""
+    iterations: int
+    converged: bool
+
+    def camera_covariance(self, camera_idx: int, unknowns: Sequence[int]) -> Floats:
+        """(n, n) covariance of a camera's unknowns with the estimated noise; zeros where an unknown was held."""
+        return self.joint_covariance([(camera_idx, unknown) for unknown in unknowns])
+
+    def joint_covariance(self, wanted: Sequence[tuple[int, int]]) -> Floats:
+        """(n, n) covariance of (camera, unknown) pairs with the estimated noise; zeros where held."""
+        where = {key: row for row, key in enumerate(self.index)}
+        rows = np.array([where.get(key, -1) for key in wanted])
+        known = rows >= 0
+        result = np.zeros((len(rows), len(rows)))
+        result[np.ix_(known, known)] = self.covariance[np.ix_(rows[known], rows[known])] * self.sigma_px**2
+        return result
+
+
+def solve(observations: Observations, start: State, freedom: Freedom, options: SolveOptions) -> Solution:
+    """Minimise the reprojection error by Levenberg-Marquardt with the boards eliminated.
+
+    Args:
+        observations: Corners; each board index below ``len(start.rig_from_board)`` should be seen at least once.
+        start: Where to begin; corners that lie behind their camera there are given no weight.
+        freedom: What may move.
+        options: Loss and limits.
+
+    Returns:
+        The solution. Deterministic: the same input gives the same bits.
+    """
+    system = _System(observations, freedom, options)
+    state = start
+    linear = system.linearise(state)
+    damping, iterations, converged = 1e-4, 0, False
+    while iterations < options.max_iterations and not converged:
+        iterations += 1
+        step = system.step(linear, damping)
+        candidate = system.moved(state, step)
+        if candidate is not None:
+            cost = system.cost(candidate)
+            if cost <= linear.cost:
+                converged = linear.cost - cost <= options.tolerance * linear.cost
+                state, linear = candidate, system.linearise(candidate)
+                damping = max(damping / 10, 1e-12)
+                continue
+        damping *= 10
+        converged = damping > 1e8
+    return system.finish(state, linear, iterations, converged)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Linear:
+    """The normal equations at a state."""
+
+    cost: float
+    residuals: Floats
+    A: Floats  # (C, D, D): the diagonal blocks, the only ones that are not zero
+    E: Floats  # (B, C, D, 6)
+    Cb: Floats  # (B, 6, 6)
+    gc: Floats  # (C, D)
+    gb: Floats  # (B, 6)
+
+
+class _System:
+    """Arrays that stay the same over the iterations."""
+
+    def __init__(self, obs: Observations, freedom: Freedom, options: SolveOptions) -> None:
+        self.obs, self.freedom, self.options = obs, freedom, options
+        self.points = obs.points_in_board
+        self.n_cameras = len(freedom.params)
+        widest = max(len(free) for free in freedom.params)
+        self.width = POSE + widest
+        free = np.zeros((self.n_cameras, self.width), dtype=bool)
+        free[:, :POSE] = freedom.poses[:, None]
+        for c, params in enumerate(freedom.params):
+            free[c, POSE : POSE + len(params)] = params
+        self.free = free.ravel()
+        starts = obs.view_starts
+        self.view_camera, self.view_board = obs.camera_idx[starts], obs.board_idx[starts]
+        sizes = np.diff(np.append(starts, len(obs)))
+        self.view_of = np.repeat(np.arange(len(starts)), sizes)
+        self.slot = np.arange(len(obs)) - np.repeat(starts, sizes)
+        self.deepest = int(sizes.max(initial=1))
+        self.slices = [slice(*np.searchsorted(obs.camera_idx, [c, c + 1]).tolist()) for c in range(self.n_cameras)]
+        self.prior_weight = np.zeros((self.n_cameras, self.width))
+        self.prior_mean = np.zeros((self.n_cameras, self.width))
+        for c, (mean, sigma) in enumerate(zip(freedom.prior_mean, freedom.prior_sigma, strict=True)):
+            self.prior_mean[c, POSE : POSE + len(mean)] = mean
+            self.prior_weight[c, POSE : POSE + len(mean)] = (options.sigma_px / sigma) ** 2
+
+    def cost(self, state: State) -> float:
+        residuals, seen = self._residuals(state)
+        return self._loss(residuals, seen)[0] + self._prior_cost(state)
+
+    def _residuals(self, state: State) -> tuple[Floats, Bools]:
+        points = self._points_in_cam(state)[0]
+        pixels = np.full((len(self.obs), 2), np.nan)
+        for c, rows in enumerate(self.slices):
+            pixels[rows] = state.cameras[c].project(points[rows])
+        residuals = self.obs.pixels - pixels
+        seen = np.isfinite(residuals).all(axis=1)
+        return np.where(seen[:, None], residuals, 0.0), seen
+
+    def _points_in_cam(self, state: State) -> tuple[Floats, Floats, Floats]:
+        """Points (N, 3) in the camera, turned into the rig (N, 3) and turned into the camera (N, 3)."""
+        Rb = np.stack([pose.rotation for pose in state.rig_from_board])
+        tb = np.stack([pose.translation_m for pose in state.rig_from_board])
+        Rc = np.stack([pose.rotation for pose in state.cam_from_rig])
+        tc = np.stack([pose.translation_m for pose in state.cam_from_rig])
+        b, c = self.obs.board_idx, self.obs.camera_idx
+        turned_in_rig = np.einsum("nij,nj->ni", Rb[b], self.points)
+        turned_in_cam = np.einsum("nij,nj->ni", Rc[c], turned_in_rig + tb[b])
+        return turned_in_cam + tc[c], turned_in_rig, turned_in_cam
+
+    def _loss(self, residuals: Floats, seen: Bools) -> tuple[float, Floats]:
+        """Cost and the weight (N,) of each corner; corners behind a camera cost as if far away."""
+        squared = (residuals**2).sum(axis=1)
+        if self.options.robust:
+            scale = (3 * self.options.sigma_px) ** 2
+            squared = np.where(seen, squared, 1e4 * scale)
+            return float(scale * np.log1p(squared / scale).sum()), np.where(seen, 1 / (1 + squared / scale), 0.0)
+        return float(np.where(seen, squared, 1e6).sum()), seen.astype(np.float64)
+
+    def _prior_cost(self, state: State) -> float:
+        return float((self.prior_weight * self._prior_gap(state) ** 2).sum())
+
+    def _prior_gap(self, state: State) -> Floats:
+        gap = np.zeros((self.n_cameras, self.width))
+        for c, camera in enumerate(state.cameras):
+            gap[c, POSE : POSE + len(camera.params)] = camera.params
+        return (self.prior_mean - gap) * (self.prior_weight > 0)
+
+    def linearise(self, state: State) -> _Linear:
+        points, turned_in_rig, turned_in_cam = self._points_in_cam(state)
+        residuals, seen = self._residuals(state)
+        cost, weights = self._loss(residuals, seen)
+        J = np.zeros((len(self.obs), 2, self.width + POSE))
+        for c, rows in enumerate(self.slices):
+            if rows.stop == rows.start:
+                continue
+            in_front = np.where(seen[rows, None], points[rows], [0.0, 0.0, 1.0])
+            _, by_point, by_params = state.cameras[c].project_with_jacobians(in_front)
+            by_turned = by_point @ state.cam_from_rig[c].rotation
+            J[rows, :, 0:3] = _minus_cross(by_point, turned_in_cam[rows])
+            J[rows, :, 3:6] = by_point
+            J[rows, :, POSE : POSE + by_params.shape[2]] = by_params
+            J[rows, :, self.width : self.width + 3] = _minus_cross(by_turned, turned_in_rig[rows])
+            J[rows, :, self.width + 3 :] = by_turned
+        J[:, :, : self.width] *= self.free.reshape(self.n_cameras, self.width)[self.obs.camera_idx][:, None]
+        root = np.sqrt(weights)[:, None]
+        stacked = np.zeros((len(self.view_camera), self.deepest, 2, self.width + POSE + 1))
+        stacked[self.view_of, self.slot, :, :-1] = J * root[:, :, None]
+        stacked[self.view_of, self.slot, :, -1] = residuals * root
+        flat = stacked.reshape(len(self.view_camera), self.deepest * 2, -1)
+        normal = flat.transpose(0, 2, 1) @ flat
+        return self._gather(normal, cost + self._prior_cost(state), residuals, state)
+
+    def _gather(self, normal: Floats, cost: float, residuals: Floats, state: State) -> _Linear:
+        D, boards = self.width, len(state.rig_from_board)
+        A = np.zeros((self.n_cameras, D, D))
+        np.add.at(A, self.view_camera, normal[:, :D, :D])
+        gc = np.zeros((self.n_cameras, D))
+        np.add.at(gc, self.view_camera, normal[:, :D, -1])
+        E = np.zeros((boards, self.n_cameras, D, POSE))
+        E[self.view_board, self.view_camera] = normal[:, :D, D:-1]
+        Cb = np.zeros((boards, POSE, POSE))
+        np.add.at(Cb, self.view_board, normal[:, D:-1, D:-1])
+        gb = np.zeros((boards, POSE))
+        np.add.at(gb, self.view_board, normal[:, D:-1, -1])
+        diagonal = np.arange(D)
+        A[:, diagonal, diagonal] += self.prior_weight
+        gc += self.prior_weight * self._prior_gap(state)
+        return _Linear(cost, residuals, A, E, Cb, gc, gb)
+
+    def _reduced(self, linear: _Linear, damping: float) -> tuple[Floats, Floats, Floats, Floats]:
+        """Reduced system S (D', D') and its right side over the free camera unknowns; L^-1 and L^-1 E^T per board."""
+        Cb = linear.Cb + damping * np.eye(POSE) * (linear.Cb.diagonal(axis1=1, axis2=2)[:, :, None] + 1e-12)
+        Cb = np.where((linear.Cb.trace(axis1=1, axis2=2) > 0)[:, None, None], Cb, np.eye(POSE))
+        inverse_root = np.linalg.inv(np.linalg.cholesky(Cb))
+        E = linear.E.reshape(len(Cb), -1, POSE)[:, self.free]
+        whitened = E @ inverse_root.transpose(0, 2, 1)  # (B, D', 6)
+        wide = whitened.transpose(1, 0, 2).reshape(E.shape[1], len(Cb) * POSE)
+        A = block_diag(*linear.A)[np.ix_(self.free, self.free)]
+        A[np.diag_indices_from(A)] *= 1 + damping
+        rhs = np.einsum("bij,bj->bi", inverse_root, linear.gb)
+        return A - wide @ wide.T, linear.gc.ravel()[self.free] - wide @ rhs.ravel(), inverse_root, whitened
+
+    def step(self, linear: _Linear, damping: float) -> tuple[Floats, Floats]:
+        """Camera step (C, D) and board step (B, 6)."""
+        S, rhs, inverse_root, whitened = self._reduced(linear, damping)
+        free_step = np.zeros(len(rhs))
+        if len(rhs):
+            scale = 1 / np.sqrt(np.maximum(np.diag(S), 1e-300))
+            try:
+                factor = cho_factor(S * scale[:, None] * scale[None])
+            except np.linalg.LinAlgError:
+                return np.full((self.n_cameras, self.width), np.nan), np.zeros((len(linear.gb), POSE))
+            free_step = scale * cho_solve(factor, scale * rhs)
+        camera_step = np.zeros(len(self.free))
+        camera_step[self.free] = free_step
+        whitened_rhs = np.einsum("bij,bj->bi", inverse_root, linear.gb) - np.einsum("bdi,d->bi", whitened, free_step)
+        board_step = np.einsum("bji,bj->bi", inverse_root, whitened_rhs)
+        return camera_step.reshape(self.n_cameras, self.width), board_step
+
+    def moved(self, state: State, step: tuple[Floats, Floats]) -> State | None:
+        """The state after a step; None where a step is not finite or a focal length would not be positive."""
+        camera_step, board_step = step
+        if not (np.isfinite(camera_step).all() and np.isfinite(board_step).all()):
+            return None
+        params = [
+            camera.params + delta[POSE : POSE + len(camera.params)]
+            for camera, delta in zip(state.cameras, camera_step, strict=True)
+        ]
+        if any(p[0] <= 0 or p[1] <= 0 for p in params):
+            return None
+        return State(
+            tuple(camera.with_params(p) for camera, p in zip(state.cameras, params, strict=True)),
+            tuple(
+                pose.perturbed(d[:3], d[3:6]) if free else pose
+                for pose, d, free in zip(state.cam_from_rig, camera_step, self.freedom.poses, strict=True)
+            ),
+            tuple(pose.perturbed(d[:3], d[3:]) for pose, d in zip(state.rig_from_board, board_step, strict=True)),
+        )
+
+    def finish(self, state: State, linear: _Linear, iterations: int, converged: bool) -> Solution:
+        S = self._reduced(linear, 0.0)[0]
+        index = tuple(divmod(int(i), self.width) for i in np.flatnonzero(self.free))
+        boards_seen = int((linear.Cb.trace(axis1=1, axis2=2) > 0).sum())
+        freedom = max(2 * len(self.obs) - len(index) - POSE * boards_seen, 1)
+        sigma_px = float(np.sqrt((linear.residuals**2).sum() / freedom))
+        covariance = np.asarray(np.linalg.pinv(S, hermitian=True), dtype=np.float64) if index else np.zeros((0, 0))
+        return Solution(state, linear.residuals, covariance, index, sigma_px, iterations, converged)
+
+
+def _minus_cross(rows: Floats, points: Floats) -> Floats:
+    """``-rows @ [points]_x``: (N, 2, 3) rows times the cross-product matrix of (N, 3) points."""
+    return np.cross(points[:, None, :], rows)
+
+
+def rmse_px(residuals_px: Floats) -> float | None:
+    """``sqrt(mean(dx^2 + dy^2))`` over corners, as OpenCV reports it; None for no corners."""
+    return float(np.sqrt((residuals_px**2).sum(axis=1).mean())) if len(residuals_px) else None
+
+
+def held(freedom: Freedom, camera_idx: int, names: Sequence[str], state: State) -> Freedom:
+    """The same freedom with a camera's coefficients of these names held."""
+    hold = np.array([name in names for name in state.cameras[camera_idx].names])
+    params = list(freedom.params)
+    params[camera_idx] = params[camera_idx] & ~hold
+    return replace(freedom, params=tuple(params))

@@ -1,0 +1,102 @@
+"""What every format's reader returns and writer needs."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from rigcal.camera import Camera
+from rigcal.errors import LossyExportError
+from rigcal.geometry import Pose
+from rigcal.rig import Rig, RigCamera
+
+METRES_PER_UNIT: Mapping[str, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignCamera:
+    """A camera as another tool's file has it."""
+
+    id: str
+    camera: Camera
+    cam_from_common: Pose
+    """From the file's common frame, in the file's unit of length."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignRig:
+    """A rig as another tool's file has it."""
+
+    cameras: tuple[ForeignCamera, ...]
+    """At least one; the first becomes the reference."""
+    unit: str | None
+    """``m``, ``cm`` or ``mm`` where the file or its format says so."""
+    site: str | None = None
+    """Name of the site or data set, where the file has one."""
+    common_is_world: bool = False
+    """Whether the common frame is defined with z up and the floor at 0."""
+    extensions: Mapping[str, Any] = field(default_factory=dict)
+    """What the file holds beside the rig and is worth keeping."""
+
+    def rig(self, *, site: str, metres_per_unit: float) -> Rig:
+        """The rig in metres, its frame that of the first camera.
+
+        Raises:
+            ValueError: where camera identifiers repeat.
+        """
+        cams_from_common = [_scaled(camera.cam_from_common, metres_per_unit) for camera in self.cameras]
+        common_from_rig = cams_from_common[0].inverse()
+        cams_from_rig = [Pose.identity(), *(pose @ common_from_rig for pose in cams_from_common[1:])]
+        return Rig(
+            site=self.site or site,
+            cameras=tuple(
+                RigCamera(camera.id, camera.camera, cam_from_rig)
+                for camera, cam_from_rig in zip(self.cameras, cams_from_rig, strict=True)
+            ),
+            reference=self.cameras[0].id,
+            verdict="IMPORTED",
+            world_from_rig=common_from_rig if self.common_is_world else None,
+        )
+
+
+def _scaled(pose: Pose, metres_per_unit: float) -> Pose:
+    return Pose(pose.rotation, pose.translation_m * metres_per_unit)
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """An exported rig."""
+
+    text: str
+    """The whole file."""
+    conventions: tuple[str, ...]
+    """What the numbers in it mean, one line each, for the user to compare with what reads the file."""
+
+
+def cams_from_common(rig: Rig) -> tuple[list[Pose], str]:
+    """Poses for a format with a common frame, and that frame's name: the world where the rig has one."""
+    if rig.world_from_rig is None:
+        return [camera.cam_from_rig for camera in rig.cameras], f"camera {rig.reference} (the rig has no world yet)"
+    rig_from_world = rig.world_from_rig.inverse()
+    return [camera.cam_from_rig @ rig_from_world for camera in rig.cameras], "the world: z up, the floor at 0"
+
+
+def refuse_loss(camera: RigCamera, *, held: Collection[str], to: str, do_next: str) -> None:
+    """Refuse to drop a lens coefficient that is not zero.
+
+    Raises:
+        LossyExportError: naming the camera, and each coefficient outside ``held`` with its value.
+    """
+    lost = [f"{name} = {value:.6g}" for name, value in camera.camera.coefficients.items() if name not in held and value]
+    if lost:
+        model = camera.camera.model
+        raise LossyExportError(camera_id=camera.id, model=model, to=to, coefficients=lost, do_next=do_next)
+
+
+def largest_distance_m(rig: Rig) -> float:
+    """Between two cameras of the rig, in metres."""
+    positions = np.array([camera.cam_from_rig.inverse().translation_m for camera in rig.cameras])
+    return float(np.linalg.norm(positions[:, None] - positions[None], axis=-1).max())

@@ -1,0 +1,236 @@
+"""The pose of one camera relative to another from the boards that both saw: the paper's extrinsics.
+
+Every shared view proposes a relative pose, in each combination of the two planar solutions of either camera and with
+the corner order as it is or turned by 180 degrees. The proposal that explains the most views wins, the views then say
+which of them are turned, and a solve with the lenses held gives the pose, its covariance and its RMSE.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+
+from rigcal.board import Board, Checkerboard
+from rigcal.boardpose import board_poses
+from rigcal.bundle import Freedom, Observations, State, rmse_px
+from rigcal.camera import Camera
+from rigcal.detections import BoardView, Finding
+from rigcal.geometry import Floats, Pose
+from rigcal.intrinsics import solve_and_reject
+from rigcal.outliers import RejectionRule
+
+MIN_SHARED_VIEWS = 2
+"""Shared views below which two cameras are not joined: one view alone cannot be checked by another."""
+
+
+@dataclass(frozen=True, slots=True)
+class PairwiseOptions:
+    """How pairs are solved."""
+
+    proposals: int = 15
+    """Views that propose a pose."""
+    judges: int = 40
+    """Views that judge the proposals."""
+    clip_px: float = 20.0
+    """Error at which a view counts as not explained."""
+    rule: RejectionRule = field(default_factory=RejectionRule)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairPose:
+    """Two cameras joined by shared board views."""
+
+    first: int
+    """Index of one camera."""
+    second: int
+    """Index of the other camera."""
+    second_from_first: Pose
+    covariance: Floats
+    """(6, 6) of ``second_from_first``, rotation (rad) then translation (m)."""
+    board_distance_m: float
+    """Mean distance of the boards from the second camera: where the pair was measured."""
+    views: int
+    """Shared views that were used."""
+    rmse_px: float
+    """Over the used corners of both cameras, lenses held."""
+    turned: tuple[int, ...]
+    """Instants at which the corner order of the two cameras differs by a turn of 180 degrees."""
+
+    def inverse(self) -> PairPose:
+        """The same pair from the other camera."""
+        R, t = self.second_from_first.rotation, self.second_from_first.translation_m
+        change = np.zeros((6, 6))  # of the inverse's left perturbation by the pose's own
+        change[:3, :3] = change[3:, 3:] = -R.T
+        change[3:, :3] = R.T @ np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
+        return replace(
+            self,
+            first=self.second,
+            second=self.first,
+            second_from_first=self.second_from_first.inverse(),
+            covariance=change @ self.covariance @ change.T,
+        )
+
+    @property
+    def point_variance_m2(self) -> float:
+        """Variance that the pair adds to the place of a point at the boards' distance: the chain's edge weight."""
+        rotation, translation = np.trace(self.covariance[:3, :3]), np.trace(self.covariance[3:, 3:])
+        return float(translation + self.board_distance_m**2 * rotation)
+
+
+def solve_pair(
+    board: Board,
+    cameras: tuple[Camera, Camera],
+    shared: Sequence[tuple[int, BoardView, BoardView]],
+    indices: tuple[int, int],
+    options: PairwiseOptions,
+) -> PairPose | None:
+    """Solve one pair.
+
+    Args:
+        board: The board.
+        cameras: The lenses of both.
+        shared: (instant, view of the first, view of the second).
+        indices: Which cameras of the rig they are.
+        options: Limits.
+
+    Returns:
+        The pair; None where fewer than :data:`MIN_SHARED_VIEWS` views agree on a pose.
+    """
+    corners = board.corners_in_board
+    posed = _posed(corners, cameras, shared)
+    if len(posed) < MIN_SHARED_VIEWS:
+        return None
+    turns = (False, True) if isinstance(board, Checkerboard) else (False,)
+    start = _consensus(corners, cameras[1], posed, turns, options)
+    errors = np.stack([_errors(corners, cameras[1], posed, start, turned) for turned in turns])  # (T, V)
+    turned = errors.argmin(axis=0) == 1
+    agreeing = np.flatnonzero(errors.min(axis=0) < options.clip_px)
+    if len(agreeing) < MIN_SHARED_VIEWS:
+        return None
+    entries, boards = [], []
+    for board_idx, v in enumerate(agreeing):
+        view = posed[v]
+        second = turned_view(view.second, len(corners)) if turned[v] else view.second
+        entries += [(0, board_idx, view.first), (1, board_idx, second)]
+        boards.append(_better_pose(corners, cameras[1], view, start, second))
+    state = State(cameras, (Pose.identity(), start), tuple(boards))
+    no_lens = tuple(np.zeros(len(camera.params), dtype=bool) for camera in cameras)
+    names = tuple(str(i) for i in range(1 + max(view.frame_idx for _, _, view in entries)))
+    solution, kept, _ = solve_and_reject(
+        Observations.of(corners, entries),
+        state,
+        Freedom(no_lens, np.array([False, True])),
+        (names, names),
+        options.rule,
+    )
+    both = set(kept.board_idx[kept.camera_idx == 0].tolist()) & set(kept.board_idx[kept.camera_idx == 1].tolist())
+    if len(both) < MIN_SHARED_VIEWS:
+        return None
+    second_from_first = solution.state.cam_from_rig[1]
+    centres = [solution.state.rig_from_board[b].apply(corners.mean(axis=0)) for b in sorted(both)]
+    return PairPose(
+        *indices,
+        second_from_first,
+        solution.camera_covariance(1, range(6)),
+        float(np.linalg.norm(second_from_first.apply(np.array(centres)), axis=1).mean()),
+        len(both),
+        rmse_px(solution.residuals_px) or 0.0,
+        tuple(posed[v].instant for v in agreeing if turned[v]),
+    )
+
+
+def turned_view(view: BoardView, corner_count: int) -> BoardView:
+    """The same pixels with the corner order turned by 180 degrees."""
+    return BoardView(view.frame_idx, corner_count - 1 - view.corner_ids[::-1], view.corners_px[::-1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Posed:
+    instant: int
+    first: BoardView
+    second: BoardView
+    first_from_board: tuple[Pose, ...]
+    second_from_board: tuple[Pose, ...]
+    second_from_turned: tuple[Pose, ...]
+
+
+def _posed(
+    corners: Floats, cameras: tuple[Camera, Camera], shared: Sequence[tuple[int, BoardView, BoardView]]
+) -> list[_Posed]:
+    found = []
+    for instant, first, second in shared:
+        candidates = [
+            tuple(candidate.cam_from_board for candidate in board_poses(camera, corners, view))
+            for camera, view in (
+                (cameras[0], first),
+                (cameras[1], second),
+                (cameras[1], turned_view(second, len(corners))),
+            )
+        ]
+        if all(candidates):
+            found.append(_Posed(instant, first, second, *candidates))
+    return found
+
+
+def _consensus(
+    corners: Floats, camera: Camera, posed: Sequence[_Posed], turns: Sequence[bool], options: PairwiseOptions
+) -> Pose:
+    """The proposal with the least clipped error over the judging views."""
+    judges = [posed[i] for i in _spread(len(posed), options.judges)]
+    best: tuple[float, Pose] | None = None
+    for i in _spread(len(posed), options.proposals):
+        view = posed[i]
+        for turned, first in product(turns, view.first_from_board):
+            for second in view.second_from_turned if turned else view.second_from_board:
+                proposal = second @ first.inverse()
+                errors = np.stack([_errors(corners, camera, judges, proposal, t) for t in turns]).min(axis=0)
+                score = float(np.minimum(errors, options.clip_px).sum())
+                if best is None or score < best[0]:
+                    best = (score, proposal)
+    if best is None:
+        raise ValueError("no view proposed a pose")
+    return best[1]
+
+
+def _errors(corners: Floats, camera: Camera, views: Sequence[_Posed], pose: Pose, turned: bool) -> Floats:
+    """(V,) RMSE of each view in the second camera when the first camera places the board, best of its solutions."""
+    errors = np.full(len(views), np.inf)
+    for solution in range(2):
+        rows = [v for v, view in enumerate(views) if len(view.first_from_board) > solution]
+        if not rows:
+            continue
+        seen = [turned_view(views[v].second, len(corners)) if turned else views[v].second for v in rows]
+        points = [
+            views[v].first_from_board[solution].apply(corners[view.corner_ids])
+            for v, view in zip(rows, seen, strict=True)
+        ]
+        gap = camera.project(pose.apply(np.concatenate(points))) - np.concatenate([view.corners_px for view in seen])
+        squared = np.where(np.isfinite(gap).all(axis=1), (gap**2).sum(axis=1), 1e12)
+        starts = np.concatenate([[0], np.cumsum([len(view.corner_ids) for view in seen])[:-1]])
+        mean = np.add.reduceat(squared, starts) / [len(view.corner_ids) for view in seen]
+        errors[rows] = np.minimum(errors[rows], np.sqrt(mean))
+    return errors
+
+
+def _better_pose(corners: Floats, camera: Camera, view: _Posed, second_from_first: Pose, second: BoardView) -> Pose:
+    """Of the first camera's planar solutions, the one that the second camera confirms."""
+
+    def error(first_from_board: Pose) -> float:
+        gap = camera.project((second_from_first @ first_from_board).apply(corners[second.corner_ids]))
+        return float(np.nan_to_num(np.abs(gap - second.corners_px), nan=1e6).mean())
+
+    return min(view.first_from_board, key=error)
+
+
+def _spread(count: int, most: int) -> list[int]:
+    """At most ``most`` indices spread evenly over ``count``."""
+    return [int(i) for i in np.unique(np.linspace(0, count - 1, min(most, count)).round())]
+
+
+def turned_findings(frames: Sequence[str], frame_idx: Sequence[int], partner: str) -> tuple[Finding, ...]:
+    """Findings for views whose corner order was turned to agree with another camera."""
+    reason = f"corner order turned by 180 degrees against {partner}"
+    return tuple(Finding(frames[i], "unflipped", reason) for i in frame_idx)
