@@ -14,10 +14,10 @@ import numpy as np
 
 from rigcal.board import Board
 from rigcal.boardpose import board_poses
-from rigcal.bundle import Freedom, Observations, Solution, SolveOptions, State, rmse_px, solve
+from rigcal.bundle import POSE, Freedom, Observations, Solution, SolveOptions, State, rmse_px, solve
 from rigcal.camera import MODELS, Camera
 from rigcal.detections import BoardDetections, BoardView, Finding
-from rigcal.errors import OptionError, TooFewViewsError
+from rigcal.errors import ImageSizeError, OptionError, TooFewViewsError
 from rigcal.geometry import Floats, Pose
 from rigcal.outliers import RejectionRule, reject
 
@@ -53,7 +53,7 @@ class IntrinsicsResult:
     camera_id: str
     camera: Camera
     rmse_px: float
-    """Over the corners that were used."""
+    """Over the corners that were used to calibrate the lens, in this capture or the one that it came from."""
     sigma: Floats
     """(P,) one sigma of each coefficient."""
     views: tuple[BoardView, ...]
@@ -90,19 +90,65 @@ def calibrate_camera(detections: BoardDetections, board: Board, options: Intrins
     )
     used = np.unique(observations.board_idx)
     _enough(detections.camera_id, len(used), len(views) - len(used))
-    count = len(start.params)
-    sigma = np.sqrt(np.diag(solution.camera_covariance(0, range(6, 6 + count))))
+    return _result(detections.camera_id, solution, observations, findings, rmse_px(solution.residuals_px) or 0.0)
+
+
+def _result(
+    camera_id: str,
+    solution: Solution,
+    observations: Observations,
+    findings: tuple[tuple[int, Finding], ...],
+    lens_rmse_px: float,
+) -> IntrinsicsResult:
+    camera = solution.state.cameras[0]
+    used = [int(board_idx) for board_idx in np.unique(observations.board_idx)]
     return IntrinsicsResult(
-        detections.camera_id,
-        solution.state.cameras[0],
-        rmse_px(solution.residuals_px) or 0.0,
-        sigma,
-        tuple(_kept_view(observations, int(board_idx)) for board_idx in used),
-        tuple(solution.state.rig_from_board[int(board_idx)] for board_idx in used),
+        camera_id,
+        camera,
+        lens_rmse_px,
+        np.sqrt(np.diag(solution.camera_covariance(0, range(POSE, POSE + len(camera.params))))),
+        tuple(_kept_view(observations, board_idx) for board_idx in used),
+        tuple(solution.state.rig_from_board[board_idx] for board_idx in used),
         observations,
         solution.residuals_px,
         tuple(finding for _, finding in findings),
     )
+
+
+def hold_camera(
+    detections: BoardDetections, board: Board, camera: Camera, lens_rmse_px: float, options: IntrinsicsOptions
+) -> IntrinsicsResult:
+    """Place the boards that a camera with a known lens saw: for lenses calibrated from another capture.
+
+    Args:
+        detections: Views of this capture.
+        board: The board.
+        camera: The lens, for images of the same size.
+        lens_rmse_px: RMSE of the calibration that gave the lens.
+        options: Limits; the model is the camera's.
+
+    Raises:
+        ImageSizeError: where the images have another size than the lens was calibrated for.
+        TooFewViewsError: where no view is usable.
+    """
+    if detections.size_wh != camera.size_wh:
+        raise ImageSizeError(
+            detections.camera_id,
+            where="this capture",
+            expected_wh=camera.size_wh,
+            got_wh=detections.size_wh,
+            source="the capture that its lens was calibrated from",
+        )
+    corners = board.corners_in_board
+    views = [view for view in detections.views if len(view.corner_ids) >= options.min_corners]
+    posed = [(view, poses[0].cam_from_board) for view in views if (poses := board_poses(camera, corners, view))]
+    if not posed:
+        raise TooFewViewsError(detections.camera_id, views=0, needed=1, dropped=len(views))
+    observations = Observations.of(corners, [(0, i, view) for i, (view, _) in enumerate(posed)])
+    freedom = Freedom((np.zeros(len(camera.params), dtype=bool),), np.array([False]))
+    state = State((camera,), (Pose.identity(),), tuple(pose for _, pose in posed))
+    solution, kept, findings = solve_and_reject(observations, state, freedom, (detections.frames,), options.rule)
+    return _result(detections.camera_id, solution, kept, findings, lens_rmse_px)
 
 
 def solve_and_reject(

@@ -32,6 +32,8 @@ Text: TypeAlias = Annotated[str, Field(min_length=1)]
 QUATERNION_NORM_TOLERANCE = 1e-6
 """A longer or shorter quaternion was not written by a program; rounding to float64 leaves about 1e-16."""
 ROWS_PER_COVARIANCE_ENTRY = 3
+CORRELATION_TOLERANCE = 1e-6
+"""How far two mirrored correlations may differ: far above an inverse's rounding, far below what a gate reads."""
 
 
 def refusal(expected: str, got: object, entry: str = "") -> PydanticCustomError:
@@ -249,8 +251,11 @@ class CovarianceEntry(_Entry):
             got = f"{len(self.matrix)} rows of {sorted({len(row) for row in self.matrix})}"
             raise refusal(f"{rows} rows of {rows} values, 6 per camera", got, ".matrix")
         values = np.reshape(np.array(self.matrix, dtype=np.float64), (rows, rows))
-        if not np.allclose(values, values.T, rtol=1e-9, atol=0) or (np.diag(values) < 0).any():
-            raise refusal("a symmetric matrix with a diagonal of 0 or more", "another", ".matrix")
+        sigma = np.sqrt(np.maximum(np.diag(values), 0))
+        asymmetry = np.abs(values - values.T)
+        if (asymmetry > CORRELATION_TOLERANCE * np.outer(sigma, sigma)).any() or (np.diag(values) < 0).any():
+            got = f"a diagonal from {np.diag(values).min():.3g}, entries that differ by {asymmetry.max():.3g}"
+            raise refusal("a symmetric matrix with a diagonal of 0 or more", got, ".matrix")
         return self
 
 

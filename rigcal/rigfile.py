@@ -36,6 +36,21 @@ from rigcal.rigdocument import (
 )
 from rigcal.site import entry_name
 
+__all__ = [
+    "SCHEMA_PATH",
+    "RigDocument",
+    "digest",
+    "document_of_rig",
+    "geometry_digest",
+    "read_rigfile",
+    "readable_json",
+    "rig_of",
+    "schema",
+    "write_atomically",
+    "write_rigfile",
+    "write_schema",
+]
+
 SCHEMA_PATH = Path(__file__).with_name("rig.schema.json")
 """The published JSON Schema, beside this module; :func:`write_schema` renews it."""
 _NOT_GEOMETRY = ("geometry_digest", "created_utc", "history", "provenance")
@@ -77,8 +92,9 @@ def write_rigfile(document: RigDocument, path: Path) -> RigDocument:
     content = document.model_dump(mode="json")
     content["geometry_digest"] = geometry_digest(content)
     content["digest"] = digest(content)
+    written = RigDocument.model_validate(content)
     write_atomically(path, readable_json(content) + "\n")
-    return RigDocument.model_validate(content)
+    return written
 
 
 def readable_json(value: Any, depth: int = 0) -> str:
