@@ -24,6 +24,7 @@ from rigcal.detections import BoardView
 from rigcal.geometry import Bools, Floats, Ints, Pose, frozen_array
 
 POSE = 6  # rotation (3) then translation (3)
+_EXACT_PX = 1e-7  # residual below which there is nothing left to gain: a thousandth of the rounding in a detector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,7 +202,8 @@ def solve(observations: Observations, start: State, freedom: Freedom, options: S
         if candidate is not None:
             cost = system.cost(candidate)
             if cost <= linear.cost:
-                converged = linear.cost - cost <= options.tolerance * linear.cost
+                exact = cost <= _EXACT_PX**2 * len(observations)
+                converged = exact or linear.cost - cost <= options.tolerance * linear.cost
                 state, linear = candidate, system.linearise(candidate)
                 damping = max(damping / 10, 1e-12)
                 continue

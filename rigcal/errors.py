@@ -4,6 +4,7 @@
     ├── BoardSpecError            a --board string that cannot be read, or a size without a unit
     ├── SiteFileError             a hand-written site file with a mistake
     ├── OptionError               an option of a stage outside its range
+    ├── OutputError               a file that cannot be written
     ├── CaptureError              a capture folder, image or video that cannot be used
     │   ├── EmptyCaptureError
     │   ├── BrokenFileError
@@ -64,6 +65,19 @@ class OptionError(RigcalError):
             expected=expected,
             got=repr(got),
             do_next=f"give {name} as {expected}",
+        )
+
+
+class OutputError(RigcalError):
+    """A result cannot be written."""
+
+    def __init__(self, path: Path, *, got: str) -> None:
+        super().__init__(
+            "cannot write this file",
+            where=path,
+            expected="a folder that can be written to, with space on its disk",
+            got=got,
+            do_next="choose another place with -o, or free some space",
         )
 
 

@@ -166,6 +166,7 @@ def read_rigfile(path: Path) -> RigDocument:
 def _parsed(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+        json.dumps(content, ensure_ascii=False).encode("utf-8")  # half a surrogate pair has no UTF-8, so no digest
     except OSError as error:
         problem = "no such file" if isinstance(error, FileNotFoundError) else "it cannot be read"
         raise RigFileSchemaError(path, entry=problem, expected="a rig file", got=error.strerror) from error

@@ -110,10 +110,11 @@ class Entry:
 
     def rotation(self) -> Floats:
         """(3, 3) rotation from a matrix, or from a rotation vector (Rodrigues) in radians."""
-        nested = isinstance(self.value, list) and len(self.value) == 3 and isinstance(self.value[0], list)
-        if not nested or len(self.value[0]) == 1:
-            vector = self.matrix(3, 1)[:, 0] if nested else self.numbers(3)
-            return Pose.from_rvec(vector, np.zeros(3)).rotation
+        rows = self.value if isinstance(self.value, list) else []
+        if len(rows) < 2 or not isinstance(rows[0], list):
+            return Pose.from_rvec(self.numbers(3), np.zeros(3)).rotation
+        if len(rows[0]) == 1:
+            return Pose.from_rvec(self.matrix(3, 1), np.zeros(3)).rotation
         return self.nearest_rotation(self.matrix(3, 3))
 
     def nearest_rotation(self, matrix: Floats) -> Floats:

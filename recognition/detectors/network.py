@@ -1,0 +1,113 @@
+"""One ONNX network on the CPU; the only module that imports onnxruntime, and only when a network is loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.detectors.manifest import InputSpec
+from recognition.errors import ModelError
+
+_ELEMENT_TYPES = {"float32": "tensor(float)", "uint8": "tensor(uint8)"}
+
+
+class Network:
+    """A network with one input and one output, checked against its manifest by looking and by one run."""
+
+    def __init__(
+        self, onnx: bytes, path: Path, spec: InputSpec, output_shape: tuple[int, ...], *, threads: int
+    ) -> None:
+        """Load it.
+
+        Args:
+            onnx: content of the file.
+            path: where it came from, for messages.
+            spec: the manifest's input.
+            output_shape: what the family and the manifest make of the output.
+            threads: threads within one operator.
+
+        Raises:
+            ModelError: where onnxruntime refuses the file, or input or output are not as stated.
+        """
+        self._name = spec.name
+        shape, dtype = _form(spec)
+        with _refusals_explained(path):
+            self._session = _open(onnx, threads)
+            _check_input(self._session, path, spec)
+            got = [np.asarray(output).shape for output in self._session.run(None, {spec.name: np.zeros(shape, dtype)})]
+        if got != [output_shape]:
+            raise ModelError(
+                "the network's output is not what the manifest's family gives",
+                where=path,
+                expected=_text(output_shape),
+                got=", ".join(map(_text, got)),
+                do_next="check family, classes and input.size_wh of the manifest, and that the network was exported "
+                "without post-processing",
+            )
+
+    def run(self, tensor: NDArray[Any]) -> NDArray[Any]:
+        """The output for one input."""
+        return np.asarray(self._session.run(None, {self._name: tensor})[0])
+
+
+def _open(onnx: bytes, threads: int) -> Any:
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
+    options.use_deterministic_compute = True
+    options.log_severity_level = 4  # what matters is raised; the rest would go to stderr past every logger
+    return onnxruntime.InferenceSession(onnx, options, providers=["CPUExecutionProvider"])
+
+
+@contextmanager
+def _refusals_explained(path: Path) -> Iterator[None]:
+    from onnxruntime.capi import onnxruntime_pybind11_state as ort
+
+    refusals = (ort.Fail, ort.InvalidArgument, ort.InvalidGraph, ort.InvalidProtobuf, ort.NotImplemented)
+    try:
+        yield
+    except (*refusals, ort.RuntimeException) as error:
+        raise ModelError(
+            "onnxruntime cannot run this network",
+            where=path,
+            expected="an ONNX file whose operators onnxruntime has",
+            got=str(error).strip(),
+            do_next="copy the file again; if it stays so, export the network again with an older opset",
+        ) from error
+
+
+def _check_input(session: Any, path: Path, spec: InputSpec) -> None:
+    inputs = session.get_inputs()
+    shape, _ = _form(spec)
+    fits = len(inputs) == 1 and (
+        inputs[0].name == spec.name
+        and inputs[0].type == _ELEMENT_TYPES[spec.dtype]
+        and len(inputs[0].shape) == len(shape)
+        and all(got == want for got, want in zip(inputs[0].shape, shape, strict=True) if isinstance(got, int))
+    )
+    if not fits:
+        raise ModelError(
+            "the network's input is not what its manifest states",
+            where=path,
+            expected=f"{spec.name!r} {_text(shape)} {_ELEMENT_TYPES[spec.dtype]}",
+            got=", ".join(f"{got.name!r} {_text(got.shape)} {got.type}" for got in inputs),
+            do_next="mend input.name, input.size_wh, input.layout and input.dtype of the manifest",
+        )
+
+
+def _form(spec: InputSpec) -> tuple[tuple[int, ...], type[np.generic]]:
+    width, height = spec.size_wh
+    shape = (1, 3, height, width) if spec.layout == "nchw" else (1, height, width, 3)
+    return shape, np.float32 if spec.dtype == "float32" else np.uint8
+
+
+def _text(shape: Any) -> str:
+    return "x".join(map(str, shape))

@@ -1,0 +1,1 @@
+"""Where frames and detections come from."""

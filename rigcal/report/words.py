@@ -1,0 +1,152 @@
+"""What a rig file means in words: the verdict, the next actions and what is not known yet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rigcal.report.numbers import beside_limit, fixed, significant
+from rigcal.rigdocument import CameraEntry, GateEntry, RigDocument
+from rigcal.site import GateLimits
+
+_UNITS = (("_px", "px"), ("_percent", "%"), ("_m", "m"), ("_deg", "deg"))
+_RULES_WITHOUT_TIMES = ("frame numbers", "none")
+
+RMSE_MEANINGS = (
+    ("intrinsic", "each camera alone: how well its lens model fits its own board views"),
+    ("pairwise", "the camera and its neighbour on the chain solved alone (the extrinsic RMSE)"),
+    ("chained", "boards placed by the reference camera, seen through the chain: how errors add up along it"),
+    ("refined", "after all cameras were solved together, over the corners that the solve used"),
+    ("held_out", "board views kept out of the solve: near the refined figure, the rig also fits what it never saw"),
+    ("all", "after the joint solve, over every detected corner, rejected ones too"),
+)
+"""The fields of :class:`rigcal.rigdocument.RmseEntry`, in the order of the tables, and what each measures."""
+
+
+@dataclass(frozen=True, slots=True)
+class GateMeaning:
+    """What a gate measures."""
+
+    what: str
+    """In words; empty for a gate that this version does not know."""
+    bound: str
+    """``at most``, ``at least`` or empty."""
+    unit: str
+    """Unit of its value and limit, or empty."""
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """Something to do, and the failed gates that ask for it."""
+
+    advice: str
+    gates: tuple[GateEntry, ...]
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Each failed gate with its camera, value and limit."""
+        return tuple(gate_sentence(gate) for gate in self.gates)
+
+
+def counted(count: int, noun: str, plural: str | None = None) -> str:
+    """``1 camera``, ``4 cameras``; ``plural`` where it is not the noun with an s."""
+    return f"{count} {noun if count == 1 else plural or noun + 's'}"
+
+
+def short_digest(digest: str) -> str:
+    """The first twelve digits of a digest, enough to tell two files apart; empty where there is none."""
+    return digest.removeprefix("sha256:")[:12]
+
+
+def gate_meaning(name: str) -> GateMeaning:
+    """What the gate of that name measures, from the limits' own descriptions."""
+    field = GateLimits.model_fields.get(name)
+    what, _, bound = (field.description or "").rpartition(", ") if field else ("", "", "")
+    return GateMeaning(what, bound, next((unit for suffix, unit in _UNITS if name.endswith(suffix)), ""))
+
+
+def gate_value(gate: GateEntry) -> str:
+    """The gate's value with its unit."""
+    unit = gate_meaning(gate.name).unit
+    value = "not measured" if gate.value is None else beside_limit(gate.value, gate.limit)
+    return f"{value} {unit}" if unit and gate.value is not None else value
+
+
+def gate_limit(gate: GateEntry) -> str:
+    """The gate's limit with its direction and unit: ``at most 0.5 px``."""
+    meaning = gate_meaning(gate.name)
+    return " ".join(part for part in (meaning.bound, significant(gate.limit, 6), meaning.unit) if part)
+
+
+def gate_sentence(gate: GateEntry) -> str:
+    """``cam2: image_coverage 0.12, at least 0.25``."""
+    return f"{gate.camera or 'the rig'}: {gate.name} {gate_value(gate)}, {gate_limit(gate)}"
+
+
+def failed_gates(document: RigDocument) -> tuple[GateEntry, ...]:
+    """Gates that did not pass, in the file's order."""
+    return tuple(gate for gate in document.gates if not gate.passed)
+
+
+def verdict_sentence(document: RigDocument) -> str:
+    """The verdict's meaning in one sentence."""
+    cameras, gates = counted(len(document.cameras), "camera"), len(document.gates)
+    if failed := failed_gates(document):
+        named = list(dict.fromkeys(gate.camera or "the whole rig" for gate in failed))
+        return (
+            f"{cameras}, {len(failed)} of {counted(gates, 'gate')} failed ({', '.join(named)}); "
+            "do what is listed under next actions, then calibrate again."
+        )
+    if document.verdict == "IMPORTED":
+        return f"{cameras} calibrated by another tool; their accuracy was not measured here."
+    return f"{cameras}, all {counted(gates, 'gate')} passed; the rig can be used."
+
+
+def next_actions(document: RigDocument) -> tuple[Action, ...]:
+    """The advice of the failed gates, each once, in the order of the gates."""
+    grouped: dict[str, list[GateEntry]] = {}
+    for gate in failed_gates(document):
+        grouped.setdefault(gate.advice or f"see the gate {gate.name}; the file holds no advice for it", []).append(gate)
+    return tuple(Action(advice, tuple(gates)) for advice, gates in grouped.items())
+
+
+def open_points(document: RigDocument) -> tuple[str, ...]:
+    """What the file does not know yet, and which command measures it."""
+    points = []
+    if document.verdict == "IMPORTED":
+        points.append("Nothing judged this rig: calibrate it with rigcal calibrate to learn how accurate it is.")
+    if document.world_from_rig is None:
+        points.append("The floor and the vertical are not known: rigcal world measures them for rules that need them.")
+    unknown = [camera.id for camera in document.cameras if camera.clock is None]
+    if unknown:
+        named = "any camera" if len(unknown) == len(document.cameras) else ", ".join(unknown)
+        points.append(f"No clock was measured for {named}: rigcal sync probe does it, for live cameras.")
+    return tuple(points)
+
+
+def instants_sentence(document: RigDocument) -> str | None:
+    """How the instants were found, and how far apart the times within them are; None where the file does not say."""
+    own = document.extensions.get("rigcal")
+    instants = own.get("instants") if isinstance(own, dict) else None
+    if not isinstance(instants, dict) or not isinstance(instants.get("rule"), str):
+        return None
+    rule, spread_s, shared = str(instants["rule"]), instants.get("spread_s"), instants.get("shared")
+    parts = ["Views had no common instants" if rule == "none" else f"Instants were found by {rule}"]
+    if isinstance(shared, int):
+        parts.append(f"{shared} of them seen by two or more cameras")
+    if rule in _RULES_WITHOUT_TIMES:
+        parts.append("no times were known, so their spread is not either")
+    elif isinstance(spread_s, int | float):
+        parts.append(f"times within one differ by {fixed(spread_s * 1e3, 1)} ms at most")
+    return "; ".join(parts) + "."
+
+
+def findings_counts(camera: CameraEntry) -> str:
+    """``3 dropped, 1 unflipped`` for a camera with findings; empty for one without."""
+    actions = [finding.action for finding in camera.views.findings]
+    return ", ".join(f"{actions.count(action)} {action}" for action in dict.fromkeys(actions))
+
+
+def on_chain(document: RigDocument, cameras: Sequence[str]) -> bool:
+    """Whether a pair of cameras is a link of some camera's chain."""
+    return any({one, two} == set(cameras) for c in document.cameras for one, two in zip(c.chain, c.chain[1:], strict=False))

@@ -1,0 +1,298 @@
+"""Whatever is done to a recording, recover saves what is sound, says what is not, and writes nothing that is broken."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from recognition.errors import RecordingError
+from recognition.observations import FrameSet, ViewFrame
+from recognition.recording import Recorder, check_recording, iter_messages, read_metadata, recover_recording
+from recognition.recording import recover as recover_module
+from recognition.recording.container import mapped
+from recognition.recording.scan import scan
+from rigcal.camera import Camera
+from rigcal.geometry import Pose
+from rigcal.rig import Rig, RigCamera
+
+T0 = 1_800_000_000_000_000_000
+IMAGE = np.zeros((4, 4, 3), np.uint8)
+
+
+def recorder(path: Path) -> Recorder:
+    lens = [90, 90, 32, 24, 0, 0, 0, 0]
+    poses = {"cam0": Pose.identity(), "cam1": Pose.from_rvec([0, 0.3, 0], [-1, 0, 0])}
+    cameras = tuple(RigCamera(name, Camera("opencv4", (64, 48), lens), pose) for name, pose in poses.items())
+    document: dict = {"cameras": [{"id": "cam0"}, {"id": "cam1"}]}
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    document["digest"] = "sha256:" + hashlib.sha256(text.encode()).hexdigest()
+    rig = Rig("hall", cameras, "cam0", "PASS", digest=document["digest"])
+    return Recorder(path, rig=rig, rig_json=json.dumps(document).encode(), metadata={"seed": "5"})
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory) -> Path:
+    """20 frame sets of two cameras in four chunks."""
+    path, random = tmp_path_factory.mktemp("sound") / "run.mcap", np.random.default_rng(5)
+    with recorder(path) as writing:
+        for k in range(20):
+            data = [random.integers(0, 256, 90_000, dtype=np.uint8).tobytes() for _ in range(2)]
+            t_ns = T0 + k * 40_000_000
+            writing.write_frames(FrameSet(k, t_ns, tuple(ViewFrame(k, t_ns, IMAGE, d, "jpeg") for d in data)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def chunks(sound) -> list:
+    """Index entries of the chunks, by the stock reader."""
+    with sound.open("rb") as stream:
+        return make_reader(stream).get_summary().chunk_indexes
+
+
+@pytest.fixture(scope="module")
+def data_end(sound) -> int:
+    """Where the data section ends and the index begins."""
+    with sound.open("rb") as stream:
+        footer_bytes = stream.read()[-8 - 20 : -8]
+    return int.from_bytes(footer_bytes[:8], "little") - 13
+
+
+def content(path: Path) -> list[tuple]:
+    """Every message of a finished recording, by the stock reader."""
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        return [
+            (schema.name, channel.topic, message.log_time, message.publish_time, message.sequence, message.data)
+            for schema, channel, message in reader.iter_messages(log_time_order=False)
+        ]
+
+
+def recovered(data: bytes, folder: Path):
+    source, target = folder / "run.mcap.part", folder / "run.mcap"
+    source.write_bytes(data)
+    target.unlink(missing_ok=True)
+    try:
+        return recover_recording(source, target), target
+    finally:
+        assert source.read_bytes() == data
+        assert not list(folder.glob("*.tmp"))
+
+
+def test_nothing_is_lost_from_a_finished_recording(sound, tmp_path):
+    recovery, target = recovered(sound.read_bytes(), tmp_path)
+    assert (recovery.lost, recovery.losses, recovery.bytes_discarded, dict(recovery.missing)) == (False, (), 0, {})
+    assert content(target) == content(sound)
+    assert dict(recovery.messages) == dict(check_recording(sound).messages)
+    assert recovery.last_ns == T0 + 19 * 40_000_000
+    assert read_metadata(target) == read_metadata(sound)
+    with target.open("rb") as a, sound.open("rb") as b:
+        reader_a, reader_b = make_reader(a), make_reader(b)
+        assert list(reader_a.iter_attachments()) == list(reader_b.iter_attachments())
+        assert reader_a.get_header() == reader_b.get_header()
+    assert check_recording(target).findings == ()
+
+
+def cuts(sound: Path) -> list[int]:
+    """Every record boundary and the bytes beside it, and random places."""
+    with mapped(sound) as data:
+        ends = [part.end for part in scan(data)]
+        size = len(data)
+    near = [end + step for end in ends for step in (-1, 0, 1) if end + step < size]
+    return sorted({*near, *range(10), *np.random.default_rng(7).integers(0, size, 25).tolist()})
+
+
+def test_a_recording_cut_anywhere_is_recovered_or_refused_in_words(sound, tmp_path, chunks, data_end):
+    whole, everything = sound.read_bytes(), content(sound)
+    ends = [chunk.chunk_start_offset + chunk.chunk_length for chunk in chunks]
+    refused = 0
+    for size in cuts(sound):
+        if size < ends[0]:
+            with pytest.raises(RecordingError, match=r"nothing can be recovered|not an MCAP file"):
+                recovered(whole[:size], tmp_path)
+            refused += 1
+            continue
+        recovery, target = recovered(whole[:size], tmp_path)
+        kept = content(target)
+        assert check_recording(target).ok, size
+        assert kept == everything[: len(kept)]
+        assert recovery.chunks == sum(end <= size for end in ends)
+        assert recovery.lost == (size < data_end + 13)
+        assert sum(recovery.messages.values()) == len(kept)
+        assert recovery.last_ns == max(message[2] for message in kept)
+    assert refused > 10
+
+
+def test_a_changed_byte_costs_no_more_than_its_chunk(sound, tmp_path, chunks):
+    whole, everything, random = sound.read_bytes(), content(sound), np.random.default_rng(11)
+    largest = max(len(messages) for messages in by_chunk(sound, chunks))
+    structure = [chunk.chunk_start_offset + k for chunk in chunks for k in range(0, 60, 7)]
+    for offset in [*random.integers(0, len(whole), 20).tolist(), *random.integers(0, 9000, 30).tolist(), *structure]:
+        data = bytearray(whole)
+        data[offset] ^= 1 << int(random.integers(8))
+        recovery, target = recovered(bytes(data), tmp_path)
+        kept = content(target)
+        assert set(kept) <= set(everything), offset
+        assert len(everything) - len(kept) <= largest, offset
+        assert recovery.lost or kept == everything, offset
+
+
+def by_chunk(path: Path, chunks) -> list[list[tuple]]:
+    """Messages chunk by chunk."""
+    everything = content(path)
+    data, counts = path.read_bytes(), []
+    for chunk in chunks:  # message index records: opcode, length, channel, bytes, then 16 bytes per message
+        offset = chunk.chunk_start_offset + chunk.chunk_length
+        end, count = offset + chunk.message_index_length, 0
+        while offset < end:
+            length = int.from_bytes(data[offset + 1 : offset + 9], "little")
+            count += int.from_bytes(data[offset + 11 : offset + 15], "little") // 16
+            offset += 9 + length
+        counts.append(count)
+    starts = np.cumsum([0, *counts])
+    return [everything[a:b] for a, b in pairwise(starts)]
+
+
+@pytest.mark.parametrize("where", ["payload", "length", "opcode", "size"])
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_a_damaged_chunk_loses_its_messages_and_no_others(sound, tmp_path, chunks, number, where, data_end):
+    """Also the first one, with the definition of every channel, and without an index to find them in."""
+    data, start = bytearray(sound.read_bytes()[:data_end]), chunks[number].chunk_start_offset
+    if where == "payload":
+        data[start + 5000] ^= 0xFF
+    elif where == "length":
+        data[start + 1 : start + 9] = (2**64 - 1).to_bytes(8, "little")
+    elif where == "opcode":
+        data[start] = 0x7F
+    else:
+        data[start + 25 : start + 33] = (2**40).to_bytes(8, "little")
+    recovery, target = recovered(bytes(data), tmp_path)
+    lots = by_chunk(sound, chunks)
+    assert content(target) == [message for k, lot in enumerate(lots) if k != number for message in lot]
+    lost = [sum(message[1] == f"/cam{i}/image" for message in lots[number]) for i in range(2)]
+    assert [recovery.missing[f"/cam{i}/image"] for i in range(2)] == lost
+    assert recovery.chunks == len(chunks) - 1
+    assert recovery.lost
+    assert f"bytes {start} to " in recovery.losses[0]
+    assert recovery.bytes_discarded >= chunks[number].chunk_length
+    assert f"/cam0/image: {lost[0]} messages are missing" in recovery.losses
+    if number > 0:
+        assert check_recording(target).ok
+
+
+def test_two_damaged_chunks_are_both_passed_over(sound, tmp_path, chunks):
+    data = bytearray(sound.read_bytes())
+    for number in (1, 2):
+        data[chunks[number].chunk_start_offset + 4000] ^= 1
+    recovery, target = recovered(bytes(data), tmp_path)
+    assert recovery.chunks == len(chunks) - 2
+    assert content(target) == [m for k, lot in enumerate(by_chunk(sound, chunks)) if k not in (1, 2) for m in lot]
+    assert [finding.severity for finding in check_recording(target).findings] == ["warning"] * 4
+
+
+def test_changed_metadata_is_said_though_every_message_is_kept(sound, tmp_path):
+    data = sound.read_bytes()
+    recovery, target = recovered(data.replace(b"seed\x01\x00\x00\x005", b"seed\x01\x00\x00\x006"), tmp_path)
+    assert recovery.losses == ("the header, the metadata or an index was changed: the checksum of the data is wrong",)
+    assert content(target) == content(sound)
+
+
+def test_what_cannot_be_recovered_is_refused_and_nothing_is_written(sound, tmp_path):
+    source, target = tmp_path / "run.mcap.part", tmp_path / "run.mcap"
+    target.write_bytes(b"earlier")
+    source.write_bytes(b"no recording at all" * 1000)
+    with pytest.raises(RecordingError, match="not an MCAP file"):
+        recover_recording(source, target)
+    source.write_bytes(sound.read_bytes()[:3000])
+    with pytest.raises(RecordingError) as caught:
+        recover_recording(source, target)
+    assert str(caught.value) == (
+        "nothing can be recovered\n"
+        f"  where:    {source}\n"
+        "  expected: at least one readable message\n"
+        "  got:      none in 3000 bytes\n"
+        "  do next:  record again; the run ended, or the file is damaged, before its first message"
+    )
+    with pytest.raises(RecordingError, match="cannot open the recording"):
+        recover_recording(tmp_path / "absent.mcap", target)
+    with pytest.raises(RecordingError, match="cannot be recovered onto itself"):
+        recover_recording(source, source)
+    source.write_bytes(sound.read_bytes())
+    with pytest.raises(RecordingError, match="cannot write the recovered recording"):
+        recover_recording(source, tmp_path / "absent" / "run.mcap")
+    assert target.read_bytes() == b"earlier"
+    assert {path.name for path in tmp_path.iterdir()} == {"run.mcap.part", "run.mcap"}
+
+
+def test_a_copy_that_cannot_be_read_back_is_not_published(sound, tmp_path, monkeypatch):
+    write_copy = recover_module._write_copy
+
+    def faulty_disk(data, found, temporary):
+        count = write_copy(data, found, temporary)
+        temporary.write_bytes(temporary.read_bytes()[:-500])
+        return count
+
+    monkeypatch.setattr(recover_module, "_write_copy", faulty_disk)
+    with pytest.raises(RecordingError, match="the recovered recording cannot be read back"):
+        recover_recording(sound, tmp_path / "run.mcap")
+    assert not list(tmp_path.iterdir())
+
+
+KILLED_RUN = """
+import sys, time
+from pathlib import Path
+import numpy as np
+sys.path.insert(0, sys.argv[1])
+from test_recording_recover import IMAGE, T0, FrameSet, ViewFrame, recorder
+random = np.random.default_rng(int(sys.argv[3]))
+with recorder(Path(sys.argv[2])) as writing:
+    start = time.monotonic()
+    for k in range(100_000):
+        time.sleep(max(0.0, start + k * 0.005 - time.monotonic()))
+        data = random.integers(0, 256, int(random.integers(1, 20_000)), dtype=np.uint8).tobytes()
+        t_ns = T0 + k * 5_000_000
+        writing.write_frames(FrameSet(k, t_ns, (ViewFrame(k, t_ns, IMAGE, data, "png"), None)))
+        print(k, time.time(), flush=True)
+"""
+
+
+def test_a_killed_recorder_loses_no_more_than_its_last_second(tmp_path):
+    """200 frames a second of 0-20 kB; three processes, each killed at its own seeded moment."""
+    random = np.random.default_rng(2026)
+    paths = [tmp_path / f"run{seed}.mcap" for seed in range(3)]
+    command = [sys.executable, "-c", KILLED_RUN, str(Path(__file__).parent)]
+    runs = [
+        subprocess.Popen([*command, path, str(seed)], stdout=subprocess.PIPE, text=True)
+        for seed, path in enumerate(paths)
+    ]
+    for run, path in zip(runs, paths, strict=True):
+        assert run.stdout.readline().startswith("0 ")
+        time.sleep(random.uniform(0.4, 1.2))
+        killed_at = time.time()
+        os.kill(run.pid, signal.SIGKILL)
+        lines = run.communicate(timeout=30)[0].splitlines()
+        assert run.returncode == -signal.SIGKILL
+        handed = dict(map(float, line.split()) for line in lines if line.count(" ") == 1 and line[-1].isdigit())
+        due = {int(k) for k, at in handed.items() if at < killed_at - 1.0}
+
+        part = path.with_name(path.name + ".part")
+        assert not path.exists()
+        assert not check_recording(part).ok
+        recovery = recover_recording(part, path)
+        kept = [message.publish_ns for message in iter_messages(path, ["/cam0/image"])]
+        indices = [(t_ns - T0) // 5_000_000 for t_ns in kept]
+        assert indices == list(range(len(indices)))  # no hole
+        assert due <= set(indices)
+        assert len(indices) > 0
+        assert recovery.lost
+        assert check_recording(path).ok

@@ -1,0 +1,104 @@
+"""The house keeps its plan: imports point one way, engines sit in their rooms, the public surface is what it says."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+ORDER = {
+    "rigcal": (
+        "errors geometry camera board detections rig site synthetic captures instants cache detect diagnose "
+        "boardpose bundle outliers intrinsics pairwise graph _colmap refine quality rigdocument rigfile "
+        "lensfile evidence formats report pipeline cli"
+    ).split(),
+    "recognition": (
+        "errors observations detectors epipolar association triangulation tracking synthetic sources recording "
+        "runtime cli"
+    ).split(),
+}
+SEEN_BY_RECOGNITION = {"errors", "geometry", "camera", "rig", "site", "captures", "instants", "rigfile", "rigdocument"}
+ENGINES = {
+    "pycolmap": {"rigcal._colmap"},
+    "onnxruntime": {"recognition.detectors"},
+    "mcap": {"recognition.recording"},
+    "mcap_protobuf": {"recognition.recording"},
+    "foxglove_schemas_protobuf": {"recognition.recording"},
+    "typer": {"rigcal.cli", "recognition.cli"},
+    "av": {"rigcal.captures", "recognition.sources"},
+}
+
+
+def rooms(path: Path) -> tuple[str, str]:
+    """Package and room (module or subpackage) of a file."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return parts[0], parts[1]
+
+
+def imported(source: str) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def violations(package: str, room: str, source: str) -> list[str]:
+    """Imports of a module that point the wrong way."""
+    found = []
+    order = ORDER[package]
+    for name in imported(source):
+        parts = name.split(".")
+        if parts[0] == package and len(parts) > 1 and parts[1] in order:
+            if parts[1] != room and order.index(parts[1]) >= order.index(room):
+                found.append(f"{package}.{room} imports {name}, which stands below it")
+        elif parts[0] == "recognition" and package == "rigcal":
+            found.append(f"{package}.{room} imports {name}")
+        elif parts[0] == "rigcal" and package == "recognition" and len(parts) > 1:
+            if parts[1] not in SEEN_BY_RECOGNITION and parts[1] != "__version__":
+                found.append(f"{package}.{room} imports {name}")
+        elif parts[0] in ENGINES and f"{package}.{room}" not in ENGINES[parts[0]]:
+            found.append(f"{package}.{room} imports the engine {name}")
+    return found
+
+
+def modules():
+    for package in ORDER:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            if path.name != "__init__.py" or path.parent != ROOT / package:
+                yield path
+
+
+def test_the_guard_can_fail():
+    assert violations("rigcal", "camera", "from rigcal.rig import Rig")
+    assert violations("rigcal", "refine", "import recognition.tracking")
+    assert violations("rigcal", "refine", "import pycolmap")
+    assert violations("recognition", "runtime", "from rigcal.refine import refine_rig")
+    assert violations("recognition", "tracking", "from mcap.writer import Writer")
+    assert not violations("rigcal", "rig", "from rigcal.camera import Camera")
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(ROOT)))
+def test_imports_point_one_way(path):
+    package, room = rooms(path)
+    assert room in ORDER[package], f"{room} has no place in the order of {package}"
+    assert violations(package, room, path.read_text(encoding="utf-8")) == []
+
+
+def test_recognition_loads_without_pycolmap_and_onnxruntime():
+    code = (
+        "import sys, recognition.cli; print(sorted({'pycolmap', 'onnxruntime', 'cv2', 'pydantic'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_help_loads_no_heavy_library():
+    code = "import sys, rigcal.cli; print(sorted({'pycolmap', 'numpy', 'cv2', 'scipy', 'pydantic'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
