@@ -46,7 +46,7 @@ class AssociationOptions:
     joint, hidden or not."""
     min_object_score: float = 0.25
     """Objects with a lower score are discarded."""
-    max_person_distance_rad: float = 0.07
+    max_person_distance_rad: float = 0.08
     """0.07 rad is 118 px at a focal length of 1680 px. So wide because detectors err by whole limbs: MoveNet's
     athlete of the shared capture is placed in 84 of 100 frames at 0.03, 94 at 0.06 and 98 at 0.07. On simulated
     crowds of four with 5 px noise, missing joints and false people the recall of joints is 0.967 at 0.03 and 0.966
@@ -173,8 +173,9 @@ def _seen_people(geometry: RigGeometry, views: Sequence[ViewDetections], options
     for camera, found in zip(geometry.cameras, views, strict=True):
         mean_score = found.people_score.sum(axis=1) / np.maximum((found.people_score > 0).sum(axis=1), 1)
         kept.append(np.flatnonzero(mean_score >= options.min_person_score))
-        px = camera.undistorted_px(found.people_px[kept[-1]])
-        joints.append(np.where((found.people_score[kept[-1]] >= options.min_joint_score)[..., None], px, np.nan))
+        score = found.people_score[kept[-1]]
+        seen = (score >= options.min_joint_score) & (score > 0)
+        joints.append(np.where(seen[..., None], camera.undistorted_px(found.people_px[kept[-1]]), np.nan))
     counts = [len(found.people_px) for found in views]
     return _stacked(kept, joints, tuple("" for rows in kept for _ in rows), counts)
 

@@ -50,7 +50,7 @@ class TrackingOptions:
     """How long a track that is not seen keeps its identity."""
     min_joints: int = 6
     """Joints that a new worker must have."""
-    start_worker: int = 51
+    start_worker: int = 45
     """Evidence for a new worker: the sum over joints of (cameras - 1), added over successive instants. A whole body
     starts at the first instant where four cameras see it, at the second where three, at the third where two. With
     34, 16 identities for 8 simulated workers; with 51, 8."""

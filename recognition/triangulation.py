@@ -62,12 +62,14 @@ def triangulate_people(geometry: RigGeometry, views: Sequence[ViewDetections], a
     geometry.check_views(views)
     members = association.people.members
     xy = np.full((len(members), len(JOINTS), len(views), 2), np.nan)
+    score = np.zeros(xy.shape[:-1])
     for v, (camera, found) in enumerate(zip(geometry.cameras, views, strict=True)):
         rows = np.flatnonzero(members[:, v] >= 0)
         chosen = members[rows, v]
-        seen = found.people_score[chosen] >= association.min_joint_score
+        score[rows, :, v] = found.people_score[chosen]
+        seen = score[rows, :, v] >= association.min_joint_score
         xy[rows, :, v] = np.where(seen[..., None], camera.undistort(found.people_px[chosen]), np.nan)
-    found_3d = triangulate(geometry, xy.reshape(-1, len(views), 2))
+    found_3d = triangulate(geometry, xy.reshape(-1, len(views), 2), confidence=score.reshape(-1, len(views)))
     by_person = (len(members), len(JOINTS))
     return People3D(
         joints_m=found_3d.points_m.reshape(*by_person, 3),
@@ -93,21 +95,23 @@ def triangulate_objects(geometry: RigGeometry, views: Sequence[ViewDetections], 
     return Objects3D(association.object_classes, found_3d.points_m, found_3d.views, found_3d.error_px, members)
 
 
-def triangulate(geometry: RigGeometry, normalised: ArrayLike) -> Points3D:
+def triangulate(geometry: RigGeometry, normalised: ArrayLike, *, confidence: ArrayLike = 1.0) -> Points3D:
     """Points in the rig frame from what each camera saw of them.
 
     Args:
         geometry: of the rig.
         normalised: (N, V, 2) x/z, y/z in each camera's frame (:meth:`rigcal.camera.Camera.undistort`); NaN: not seen.
+        confidence: (N, V), or one for all: factor of each observation's residual in pixels; 0: not seen.
     """
     given = np.asarray(normalised, dtype=np.float64)
-    seen: Bools = np.asarray(np.isfinite(given).all(axis=-1))
+    factor = np.broadcast_to(np.asarray(confidence, dtype=np.float64), given.shape[:-1])
+    seen: Bools = np.asarray(np.isfinite(given).all(axis=-1)) & (factor > 0)
     xy = np.where(seen[..., None], given, 0.0)
     solvable = _with_parallax(geometry, xy, seen)
     rotation, translation_m = geometry.rotation, geometry.translation_m
     rows = xy[..., None] * rotation[:, None, 2] - rotation[:, :2]
     right = translation_m[:, :2] - xy * translation_m[:, 2:]
-    weights = seen[..., None] * geometry.focal_px
+    weights = (seen * factor)[..., None] * geometry.focal_px
     points_m = _solve(rows, right, weights, solvable)
     depth_m = points_m @ rotation[:, 2].T + translation_m[:, 2]
     points_m = _solve(rows, right, weights / np.maximum(depth_m, NEAREST_M)[..., None], solvable)

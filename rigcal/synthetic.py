@@ -115,7 +115,7 @@ def _sample_poses(
     rng = np.random.default_rng(seed)
     corners = board.corners_in_board
     poses: list[Pose] = []
-    for _ in range(4000 * count):
+    for _ in range(2000 * count):
         if len(poses) == count:
             return poses
         viewer = cameras[int(rng.integers(len(cameras)))]

@@ -10,15 +10,52 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 ORDER = {
-    "rigcal": (
-        "errors geometry camera board detections rig site synthetic captures instants cache detect diagnose "
-        "boardpose bundle outliers intrinsics pairwise graph _colmap refine quality rigdocument rigfile "
-        "lensfile evidence formats report pipeline cli"
-    ).split(),
-    "recognition": (
-        "errors observations detectors epipolar association triangulation tracking synthetic sources recording "
-        "runtime cli"
-    ).split(),
+    "rigcal": [
+        "errors",
+        "geometry",
+        "camera",
+        "board",
+        "detections",
+        "rig",
+        "site",
+        "synthetic",
+        "captures",
+        "instants",
+        "cache",
+        "detect",
+        "diagnose",
+        "boardpose",
+        "bundle",
+        "outliers",
+        "intrinsics",
+        "pairwise",
+        "graph",
+        "_colmap",
+        "refine",
+        "quality",
+        "rigdocument",
+        "rigfile",
+        "lensfile",
+        "evidence",
+        "formats",
+        "report",
+        "pipeline",
+        "cli",
+    ],
+    "recognition": [
+        "errors",
+        "observations",
+        "detectors",
+        "epipolar",
+        "association",
+        "triangulation",
+        "tracking",
+        "synthetic",
+        "sources",
+        "recording",
+        "runtime",
+        "cli",
+    ],
 }
 SEEN_BY_RECOGNITION = {"errors", "geometry", "camera", "rig", "site", "captures", "instants", "rigfile", "rigdocument"}
 ENGINES = {

@@ -65,6 +65,12 @@ class InputSpec(_Strict):
             raise ValueError("a uint8 input takes pixels as they are: leave out scale, mean and std")
         return self
 
+    @model_validator(mode="after")
+    def _stretched_is_not_aligned(self) -> InputSpec:
+        if self.resize == "stretch" and self.align != "top_left":
+            raise ValueError("align is for letterbox: a stretched image fills the input")
+        return self
+
 
 class Manifest(_Strict):
     """What every manifest states."""

@@ -65,9 +65,7 @@ def pick_boxes(
     inside, score, class_idx = inside[keep], score[keep], class_idx[keep]
     # cv2 separates classes by shifting their boxes apart, which wants coordinates from 0.
     left_top_wh = np.hstack([inside[:, :2] + 0.5, inside[:, 2:] - inside[:, :2]])
-    picked = cv2.dnn.NMSBoxesBatched(
-        left_top_wh.tolist(), score.tolist(), class_idx.tolist(), score_threshold, _NMS_IOU
-    )
+    picked = cv2.dnn.NMSBoxesBatched(left_top_wh.tolist(), score.tolist(), class_idx.tolist(), 0.0, _NMS_IOU)
     kept = np.asarray(picked, dtype=np.int64)
     kept = kept[np.argsort(-score[kept], kind="stable")]
     return Boxes(inside[kept], score[kept], tuple(classes[idx] for idx in class_idx[kept]))

@@ -60,7 +60,7 @@ def recover_recording(source: Path, destination: Path) -> Recovery:
         RecordingError: where the source is no MCAP file or holds no readable message, or the destination cannot be
             written.
     """
-    if destination.exists() and destination.samefile(source):
+    if destination.resolve() == source.resolve():
         raise RecordingError(
             "a recording cannot be recovered onto itself",
             where=source,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rigcal.report.numbers import beside_limit, fixed, significant
-from rigcal.rigdocument import CameraEntry, GateEntry, RigDocument
+from rigcal.rigdocument import GateEntry, RigDocument, ViewsEntry
 from rigcal.site import GateLimits
 
 _UNITS = (("_px", "px"), ("_percent", "%"), ("_m", "m"), ("_deg", "deg"))
@@ -141,9 +141,9 @@ def instants_sentence(document: RigDocument) -> str | None:
     return "; ".join(parts) + "."
 
 
-def findings_counts(camera: CameraEntry) -> str:
-    """``3 dropped, 1 unflipped`` for a camera with findings; empty for one without."""
-    actions = [finding.action for finding in camera.views.findings]
+def findings_counts(views: ViewsEntry) -> str:
+    """``3 dropped, 1 unflipped``; empty where every view was used as it was detected."""
+    actions = [finding.action for finding in views.findings]
     return ", ".join(f"{actions.count(action)} {action}" for action in dict.fromkeys(actions))
 
 

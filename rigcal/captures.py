@@ -1,0 +1,247 @@
+"""Captures on disk: a folder of images per camera, one video per camera, or flat images named camera then number.
+
+Opening a capture lists it and reads only headers; images are decoded when they are asked for, one at a time. Pixels are
+as stored: rotation notes in image or video headers are not applied, since a lens belongs to the sensor's own rows.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import av
+import av.error
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcal.errors import BrokenFileError, CaptureError, EmptyCaptureError, ImageSizeError
+
+IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"})
+VIDEO_SUFFIXES = frozenset({".mp4", ".mkv", ".avi", ".mov"})
+_FLAT_NAME = re.compile(r"(?P<camera>.+?)[_-]?(?P<frame>\d{8}T\d{6}(?:\.\d+)?Z|\d+)$")
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureCamera:
+    """One camera's images or video."""
+
+    id: str
+    kind: Literal["images", "video"]
+    paths: tuple[Path, ...]
+    """Its images in natural order, or its one video."""
+    frames: tuple[str, ...]
+    """A name per frame: an image's stem, or a video's frame number with six digits."""
+    size_wh: tuple[int, int]
+    """Width and height in pixels: of the video, or of the first image."""
+    fps: float | None = None
+    """Declared frame rate of a video; None for images."""
+    times_s: tuple[float, ...] = ()
+    """Presentation time of each frame of a video in seconds; empty for images."""
+
+
+@dataclass(frozen=True, slots=True)
+class Capture:
+    """The cameras of a capture folder, in rig order; the first is the reference."""
+
+    path: Path
+    cameras: tuple[CaptureCamera, ...]
+
+    def digest(self) -> str:
+        """SHA-256 over every file's content, in order, hexadecimal; reads them all."""
+        total = hashlib.sha256()
+        for camera in self.cameras:
+            for path in camera.paths:
+                total.update(f"{camera.id}/{path.name}\n".encode())
+                total.update(file_sha256(path).encode())
+        return total.hexdigest()
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file's content, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def natural_key(name: str) -> tuple[Any, ...]:
+    """Sorts ``cam2`` before ``cam10``."""
+    return tuple((1, int(part), "") if part.isdigit() else (0, 0, part.lower()) for part in re.split(r"(\d+)", name))
+
+
+def open_capture(path: Path, *, camera_order: Sequence[str] | None = None) -> Capture:
+    """List a capture folder.
+
+    Args:
+        path: The folder.
+        camera_order: Identifiers in rig order, as a site file has them; natural order when None.
+
+    Raises:
+        EmptyCaptureError: where there are no cameras.
+        CaptureError: where the folder mixes forms, or ``camera_order`` names other cameras.
+        BrokenFileError: where a video or a camera's first image cannot be read.
+    """
+    if not path.is_dir():
+        raise EmptyCaptureError(path, got="no such folder" if not path.exists() else "a file")
+    cameras = _folders(path) or _videos(path) or _flat_images(path)
+    if not cameras:
+        raise EmptyCaptureError(path, got=_listing(path))
+    cameras = sorted(cameras, key=lambda camera: natural_key(camera.id))
+    return Capture(path, tuple(_ordered(path, cameras, camera_order) if camera_order else cameras))
+
+
+def read_frames(camera: CaptureCamera, *, colour: bool = False) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Every frame of a camera in order: (index, image (H, W) grey or (H, W, 3) BGR), 8 bits a channel.
+
+    Raises:
+        BrokenFileError: where an image cannot be decoded, or a video ends before its last frame.
+        ImageSizeError: where an image has another size than the first.
+    """
+    if camera.kind == "video":
+        yield from _video_frames(camera, colour)
+        return
+    for index, path in enumerate(camera.paths):
+        yield index, read_image(camera, path, colour=colour)
+
+
+def read_image(camera: CaptureCamera, path: Path, *, colour: bool = False) -> NDArray[np.uint8]:
+    """One image of a camera, (H, W) grey or (H, W, 3) BGR; 16 bits are reduced to 8.
+
+    Raises:
+        BrokenFileError: where it cannot be decoded.
+        ImageSizeError: where it has another size than the camera's first image.
+    """
+    image = _decoded(path, path.read_bytes(), colour)
+    height, width = image.shape[:2]
+    if (width, height) != camera.size_wh:
+        raise ImageSizeError(
+            camera.id, where=path, expected_wh=camera.size_wh, got_wh=(width, height), source=camera.paths[0].name
+        )
+    return image
+
+
+def _decoded(path: Path, content: bytes, colour: bool) -> NDArray[np.uint8]:
+    flags = (cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE) | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags) if content else None
+    if image is None or not _is_whole(path.suffix.lower(), content):
+        got = "an empty file" if not content else "a truncated image" if image is not None else "no image"
+        raise BrokenFileError(path, expected="an image", got=got)
+    if image.dtype == np.uint16:
+        image = cv2.convertScaleAbs(image, alpha=1 / 257)
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _is_whole(suffix: str, content: bytes) -> bool:
+    """Whether a JPEG or PNG has its end marker: OpenCV decodes the rest as grey without a word."""
+    if suffix in (".jpg", ".jpeg"):
+        return b"\xff\xd9" in content[-4096:]
+    if suffix == ".png":
+        return b"IEND" in content[-64:]
+    return True
+
+
+def _video_frames(camera: CaptureCamera, colour: bool) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    path, count, form = camera.paths[0], 0, "bgr24" if colour else "gray"
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            stream.thread_type = "AUTO"
+            for count, frame in enumerate(container.decode(stream), start=1):
+                yield count - 1, np.asarray(frame.to_ndarray(format=form), dtype=np.uint8)
+    except av.error.FFmpegError as error:
+        raise BrokenFileError(path, expected=f"{len(camera.frames)} frames", got=f"{count} frames, {error}") from error
+    if count != len(camera.frames):
+        raise BrokenFileError(path, expected=f"{len(camera.frames)} frames", got=f"{count} frames")
+
+
+def _folders(path: Path) -> list[CaptureCamera]:
+    found = []
+    for folder in path.iterdir():
+        images = _images_in(folder) if folder.is_dir() and not folder.name.startswith(".") else []
+        if images:
+            found.append(_image_camera(folder.name, images))
+    return found
+
+
+def _flat_images(path: Path) -> list[CaptureCamera]:
+    by_camera: dict[str, list[Path]] = {}
+    for image in _images_in(path):
+        match = _FLAT_NAME.match(image.stem)
+        if match:
+            by_camera.setdefault(match["camera"], []).append(image)
+    return [_image_camera(camera_id, images) for camera_id, images in by_camera.items()]
+
+
+def _images_in(folder: Path) -> list[Path]:
+    images = [
+        p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith(".") and p.is_file()
+    ]
+    return sorted(images, key=lambda image: natural_key(image.name))
+
+
+def _image_camera(camera_id: str, images: Sequence[Path]) -> CaptureCamera:
+    height, width = _decoded(images[0], images[0].read_bytes(), False).shape[:2]
+    return CaptureCamera(camera_id, "images", tuple(images), tuple(image.stem for image in images), (width, height))
+
+
+def _videos(path: Path) -> list[CaptureCamera]:
+    videos = [p for p in path.iterdir() if p.suffix.lower() in VIDEO_SUFFIXES and not p.name.startswith(".")]
+    names = [video.stem for video in videos]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise CaptureError(
+            f"camera {repeated[0]} has two videos",
+            where=path,
+            expected="one video per camera",
+            got=", ".join(sorted(video.name for video in videos if video.stem == repeated[0])),
+            do_next="keep the one that belongs to this capture",
+        )
+    return [_video_camera(video) for video in videos]
+
+
+def _video_camera(path: Path) -> CaptureCamera:
+    """Frames are counted from the container's packets; nothing is decoded."""
+    try:
+        with av.open(str(path)) as container:
+            if not container.streams.video:
+                raise BrokenFileError(path, expected="a video stream", got="none")
+            stream = container.streams.video[0]
+            ticks = sorted(
+                p.pts if p.pts is not None else p.dts for p in container.demux(stream) if p.size and _timed(p)
+            )
+            size_wh = (stream.codec_context.width, stream.codec_context.height)
+            rate = stream.average_rate or stream.guessed_rate
+            base = stream.time_base
+    except av.error.FFmpegError as error:
+        raise BrokenFileError(path, expected="a video", got=str(error)) from error
+    if not ticks or base is None:
+        raise BrokenFileError(path, expected="at least one frame", got="0 frames")
+    times_s = tuple(float((tick - ticks[0]) * base) for tick in ticks)
+    names = tuple(f"{index:06d}" for index in range(len(ticks)))
+    return CaptureCamera(path.stem, "video", (path,), names, size_wh, float(rate) if rate else None, times_s)
+
+
+def _tick(packet: av.Packet[Any]) -> int | None:
+    return packet.pts if packet.pts is not None else packet.dts
+
+
+def _ordered(path: Path, cameras: Sequence[CaptureCamera], order: Sequence[str]) -> list[CaptureCamera]:
+    by_id = {camera.id: camera for camera in cameras}
+    if set(order) != set(by_id):
+        raise CaptureError(
+            "the capture has other cameras than the site file",
+            where=path,
+            expected=", ".join(order),
+            got=", ".join(by_id),
+            do_next="name the folders or videos as the site file names the cameras, or mend the site file",
+        )
+    return [by_id[camera_id] for camera_id in order]
+
+
+def _listing(path: Path) -> str:
+    names = sorted((entry.name + "/" * entry.is_dir() for entry in path.iterdir()), key=natural_key)
+    shown = ", ".join(names[:5])
+    return f"{shown} and {len(names) - 5} more" if len(names) > 5 else shown or "an empty folder"

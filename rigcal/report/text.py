@@ -1,0 +1,194 @@
+"""The calibration report for the terminal: rich tables that fit 80 columns, plain text where it is piped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rich import box
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from rigcal.report.numbers import fixed, scaled
+from rigcal.report.words import (
+    RMSE_MEANINGS,
+    failed_gates,
+    findings_counts,
+    gate_limit,
+    gate_meaning,
+    gate_value,
+    instants_sentence,
+    next_actions,
+    open_points,
+    short_digest,
+    verdict_sentence,
+)
+from rigcal.rigdocument import CameraEntry, RigDocument, ViewsEntry
+
+FINDINGS_SHOWN = 3
+"""Views named per camera; a bad capture has hundreds."""
+CHAIN_WIDTH = 27
+"""Characters of the chain's column: what is left of 80 beside the other columns and a camera id of 8."""
+_STYLES = {"PASS": "bold green", "RECAPTURE": "bold red", "IMPORTED": "bold yellow"}
+
+
+def text_report(document: RigDocument, *, file_name: str | None = None) -> RenderableType:
+    """The report of a rig file as something that a rich console prints.
+
+    Args:
+        document: The rig file's content.
+        file_name: Name of the rig file, where it has one.
+    """
+    return Group(*_parts(document, file_name))
+
+
+def _parts(document: RigDocument, file_name: str | None) -> Iterator[RenderableType]:
+    first = Text()
+    first.append(document.verdict, style=_STYLES[document.verdict])
+    first.append(f" {plain(document.site)}: {plain(verdict_sentence(document))}")
+    yield first
+    yield Text(_origin(document, file_name))
+    if actions := next_actions(document):
+        yield heading("Next actions")
+        for number, action in enumerate(actions, 1):
+            yield Padding(Text(f"{number}. {plain(action.advice)}"), (0, 0, 0, 2))
+            for reason in action.reasons:
+                yield Padding(Text(plain(reason), style="dim"), (0, 0, 0, 5))
+    yield from _cameras(document)
+    if document.pairs:
+        yield from _pairs(document)
+    if sentence := instants_sentence(document):
+        yield Text(plain(sentence))
+    yield from findings_parts([(camera.id, camera.views) for camera in document.cameras])
+    if any(camera.clock for camera in document.cameras):
+        yield from _clocks(document)
+    if failed_gates(document):
+        yield from _failed(document)
+    if points := open_points(document):
+        yield heading("Not known yet")
+        yield from (Padding(Text(f"- {plain(point)}"), (0, 0, 0, 2)) for point in points)
+
+
+def plain(text: str) -> str:
+    """Text without control characters, which a terminal would obey."""
+    return "".join(character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text)
+
+
+def heading(text: str) -> Text:
+    """A line above a part of the report."""
+    return Text(f"\n{text}", style="bold")
+
+
+def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, left: Sequence[int] = (0,)) -> Table:
+    """A table of text; columns that are not in ``left`` are aligned to the right."""
+    grid = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), show_edge=False)
+    for index, name in enumerate(columns):
+        grid.add_column(Text(name), justify="left" if index in left else "right", overflow="fold")
+    for row in rows:
+        grid.add_row(*(Text(cell) for cell in row))
+    return grid
+
+
+def _origin(document: RigDocument, file_name: str | None) -> str:
+    board = document.calibration_board
+    made = f"{document.created_utc} by rigcal {document.provenance.rigcal}"
+    parts = [
+        file_name or "",
+        made,
+        f"board {board.spec}" if board else "board not known",
+        f"digest {short_digest(document.digest)}" if document.digest else "not written to a file yet",
+        f"geometry {short_digest(document.geometry_digest)}" if document.geometry_digest else "",
+    ]
+    return plain("; ".join(part for part in parts if part))
+
+
+def _cameras(document: RigDocument) -> Iterator[RenderableType]:
+    yield heading("RMSE, px")
+    names = [name for name, _ in RMSE_MEANINGS]
+    yield table(
+        ["camera", *(name.replace("_", "-") for name in names)],
+        [
+            [plain(camera.id), *(fixed(getattr(camera.rmse_px, name)) for name in names)]
+            for camera in document.cameras
+        ],
+    )
+    yield heading("Views (used/detected/frames), one sigma, chain")
+    yield table(
+        ["camera", "views", "fx, px", "fy, px", "position, mm", "chain"],
+        [_camera_row(camera) for camera in document.cameras],
+        left=(0, 5),
+    )
+
+
+def _camera_row(camera: CameraEntry) -> list[str]:
+    views, sigma = camera.views, camera.sigma
+    return [
+        plain(camera.id),
+        f"{views.used}/{views.detected}/{views.frames}",
+        fixed(sigma.fx_px if sigma else None),
+        fixed(sigma.fy_px if sigma else None),
+        scaled(sigma.position_m if sigma else None, 1e3, 1),
+        plain_chain(camera.chain),
+    ]
+
+
+def plain_chain(chain: Sequence[str], width: int = CHAIN_WIDTH) -> str:
+    """``cam0>cam1>cam2``, with new lines only between cameras."""
+    lines = [""]
+    for index, camera_id in enumerate(chain):
+        part = plain(camera_id) + (">" if index + 1 < len(chain) else "")
+        if lines[-1] and len(lines[-1]) + len(part) > width:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(lines)
+
+
+def _pairs(document: RigDocument) -> Iterator[RenderableType]:
+    yield heading("Pairs that saw the board together")
+    rows = [[plain(">".join(pair.cameras)), str(pair.views), fixed(pair.rmse_px)] for pair in document.pairs]
+    yield table(["cameras", "views", "RMSE, px"], rows)
+
+
+def findings_parts(cameras: Sequence[tuple[str, ViewsEntry]]) -> Iterator[RenderableType]:
+    """Dropped and mended views by camera id: the first few by name, then how many more and where they are."""
+    found = [(camera_id, views) for camera_id, views in cameras if views.findings]
+    if not found:
+        return
+    yield heading("Views that were not used as detected")
+    for camera_id, views in found:
+        yield Text(plain(f"{camera_id}: {findings_counts(views)}"))
+        for finding in views.findings[:FINDINGS_SHOWN]:
+            yield Padding(Text(plain(f"{finding.frame} {finding.action}: {finding.reason}")), (0, 0, 0, 2))
+        if (more := len(views.findings) - FINDINGS_SHOWN) > 0:
+            yield Padding(Text(f"and {more} more"), (0, 0, 0, 2))
+    if any(len(views.findings) > FINDINGS_SHOWN for _, views in found):
+        yield Text("All of them are in the file that was written, under cameras[].views.findings, and in the HTML report.")
+
+
+def _clocks(document: RigDocument) -> Iterator[RenderableType]:
+    yield heading("Clocks")
+    rows = [
+        [
+            plain(camera.id),
+            scaled(clock.offset_s, 1e3, 3),
+            fixed(clock.drift_ppm),
+            scaled(clock.bound_s, 1e3, 3),
+            fixed(clock.drift_bound_ppm),
+            clock.method,
+            clock.at_utc,
+        ]
+        for camera in document.cameras
+        if (clock := camera.clock)
+    ]
+    columns = ["camera", "offset, ms", "drift, ppm", "+-, ms", "+-, ppm", "method", "at"]
+    yield table(columns, rows, left=(0, 5, 6))
+
+
+def _failed(document: RigDocument) -> Iterator[RenderableType]:
+    yield heading("Failed gates")
+    rows = [
+        [gate.name, plain(gate.camera or "the rig"), gate_value(gate), gate_limit(gate), gate_meaning(gate.name).what]
+        for gate in failed_gates(document)
+    ]
+    yield table(["gate", "camera", "value", "limit", "measures"], rows, left=(0, 1, 4))

@@ -1,0 +1,354 @@
+"""Networks and manifests from files: what is loaded, and every way in which it is refused.
+
+The networks are written here, byte by byte in ONNX's protobuf form: output = constant + brightest input value.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from recognition.detectors import PeopleAndObjects, load_detector, load_model
+from recognition.errors import ModelError
+from rigcal.errors import OptionError
+
+FLOAT, UINT8 = 1, 2
+
+
+def field(number, value):
+    """One protobuf field: a varint, or bytes with their length."""
+    if isinstance(value, int):
+        return varint(number << 3) + varint(value)
+    value = value.encode() if isinstance(value, str) else value
+    return varint(number << 3 | 2) + varint(len(value)) + value
+
+
+def varint(value):
+    parts = []
+    while value > 127:
+        parts.append(value & 127 | 128)
+        value >>= 7
+    return bytes([*parts, value])
+
+
+def value_info(name, element_type, shape):
+    dims = b"".join(field(1, field(2, dim) if isinstance(dim, str) else field(1, dim)) for dim in shape)
+    return field(1, name) + field(2, field(1, field(1, element_type) + field(2, dims)))
+
+
+def node(op_type, inputs, output, attributes=b""):
+    return b"".join(field(1, name) for name in inputs) + field(2, output) + field(4, op_type) + attributes
+
+
+def tiny_network(constant, *, name="images", element_type=FLOAT, shape=(1, 3, 32, 32), op_type="Add"):
+    constant = np.asarray(constant, np.float32)
+    tensor = b"".join(field(1, dim) for dim in constant.shape)
+    tensor += field(2, FLOAT) + field(8, "constant") + field(9, constant.tobytes())
+    to_float = field(5, field(1, "to") + field(3, FLOAT) + field(20, 2))
+    no_dims = field(5, field(1, "keepdims") + field(3, 0) + field(20, 2))
+    nodes = (
+        node("Cast", [name], "float", to_float),
+        node("ReduceMax", ["float"], "brightest", no_dims),
+        node(op_type, ["constant", "brightest"], "output"),
+    )
+    graph = b"".join(field(1, one) for one in nodes) + field(2, "tiny") + field(5, tensor)
+    graph += field(11, value_info(name, element_type, shape))
+    graph += field(12, value_info("output", FLOAT, constant.shape))
+    return field(1, 8) + field(7, graph) + field(8, field(1, "") + field(2, 13))
+
+
+def yolox_constant(classes=2):
+    """One box in the grid of stride 32, centre (16, 16), 32 px; its score is what the brightest value adds."""
+    output = np.full((1, 16 + 4 + 1, 5 + classes), -1.0)
+    output[0, 20] = [0.5, 0.5, 0, 0, *[0] * (1 + classes)]
+    return output
+
+
+BOXES = """
+family = "yolox"
+licence = "MIT"
+sha256 = "{sha256}"
+classes = ["person", "hard_hat"]
+person_class = "person"
+score_threshold = 0.5
+
+[input]
+name = "images"
+size_wh = [32, 32]
+layout = "nchw"
+dtype = "float32"
+colour = "bgr"
+scale = 0.01
+resize = "letterbox"
+"""
+POSES = """
+family = "movenet"
+licence = "MIT"
+sha256 = "{sha256}"
+joints = "coco17"
+crop_margin = 1.0
+
+[input]
+name = "image"
+size_wh = [32, 32]
+layout = "nhwc"
+dtype = "uint8"
+colour = "rgb"
+resize = "letterbox"
+align = "centre"
+"""
+
+
+def write(folder, onnx=None, text=BOXES, stem="model"):
+    onnx = tiny_network(yolox_constant()) if onnx is None else onnx
+    (folder / f"{stem}.onnx").write_bytes(onnx)
+    (folder / f"{stem}.toml").write_text(text.format(sha256=hashlib.sha256(onnx).hexdigest()), encoding="utf-8")
+    return folder / f"{stem}.onnx"
+
+
+def write_poses(folder, stem="poses"):
+    constant = np.zeros((1, 1, 17, 3))
+    constant[0, 0, :, 0] = 0.25 - 200
+    constant[0, 0, :, 1] = 0.5 - 200
+    constant[0, 0, :, 2] = 0.75 - 200
+    onnx = tiny_network(constant, name="image", element_type=UINT8, shape=(1, 32, 32, 3))
+    return write(folder, onnx, POSES, stem)
+
+
+def refusal(call, *args, **kwargs):
+    with pytest.raises(ModelError) as caught:
+        call(*args, **kwargs)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", [".onnx", ".toml"])
+def test_a_network_is_loaded_by_its_file_or_by_its_manifest(tmp_path, suffix):
+    path = write(tmp_path)
+    model = load_model(path.with_suffix(suffix))
+    found = model.boxes(np.full((64, 64, 3), 80, np.uint8))
+    assert found.classes == ("person",)
+    assert found.xyxy == pytest.approx(np.array([[-0.5, -0.5, 63.5, 63.5]]))
+    assert found.score == pytest.approx([0.8 * 0.8], abs=1e-6)
+    assert model.person_class == "person"
+
+
+def test_a_network_says_which_it_is(tmp_path):
+    path = write(tmp_path)
+    info = load_model(path).model_info
+    assert (info.name, info.family, info.licence) == ("model.onnx", "yolox", "MIT")
+    assert info.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_two_files_make_a_detector(tmp_path):
+    detector = load_detector(write(tmp_path), write_poses(tmp_path))
+    # The person's box is the image; 96 x 64 px, so that the crop has bands above and below.
+    found = detector.detect(np.full((64, 96, 3), 200, np.uint8))
+    assert [info.family for info in detector.model_info] == ["yolox", "movenet"]
+    assert len(found.people_px) == 0  # all joints in one band, outside of the image
+    square = detector.detect(np.full((64, 64, 3), 200, np.uint8))
+    assert square.people_px == pytest.approx(np.full((1, 17, 2), [31.5, 15.5]), abs=1e-3)
+    assert square.people_score == pytest.approx(np.full((1, 17), 0.75), abs=1e-4)
+
+
+def test_a_box_network_alone_makes_a_detector(tmp_path):
+    detector = load_detector(write(tmp_path))
+    assert isinstance(detector, PeopleAndObjects)
+    assert detector.detect(np.full((64, 64, 3), 80, np.uint8)).object_class == ("person",)
+
+
+def test_an_open_dimension_is_accepted(tmp_path):
+    path = write(tmp_path, tiny_network(yolox_constant(), shape=("batch", 3, 32, 32)))
+    assert load_model(path).boxes(np.zeros((32, 32, 3), np.uint8)).classes == ()
+
+
+def test_onnxruntime_is_imported_when_a_network_is_loaded_and_not_before():
+    code = "import recognition.detectors, sys; sys.exit('onnxruntime' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_missing_file_is_named(tmp_path):
+    assert refusal(load_model, tmp_path / "no.onnx") == (
+        "cannot read the model\n"
+        f"  where:    {tmp_path / 'no.onnx'}\n"
+        "  expected: an ONNX file\n"
+        "  got:      No such file or directory\n"
+        "  do next:  check the path; a manifest FILE.toml needs FILE.onnx beside it"
+    )
+
+
+def test_a_manifest_alone_misses_its_network(tmp_path):
+    path = write(tmp_path)
+    path.unlink()
+    assert f"where:    {path}" in refusal(load_model, path.with_suffix(".toml"))
+
+
+def test_another_kind_of_file_is_refused(tmp_path):
+    assert refusal(load_model, tmp_path / "model.pt") == (
+        "not a model file\n"
+        f"  where:    {tmp_path / 'model.pt'}\n"
+        "  expected: FILE.onnx or FILE.toml\n"
+        "  got:      model.pt\n"
+        "  do next:  give the ONNX file, or its manifest"
+    )
+
+
+def test_a_network_without_a_manifest_gets_told_how_to_write_one(tmp_path):
+    path = write(tmp_path)
+    path.with_suffix(".toml").unlink()
+    message = refusal(load_model, path)
+    assert message.startswith(f"this network has no manifest\n  where:    {path}\n  expected: model.toml beside it; ")
+    assert hashlib.sha256(path.read_bytes()).hexdigest() in message
+    assert (
+        "write model.toml with the entries family, licence, sha256, classes, person_class, score_threshold, "
+        "input.name, input.size_wh, input.layout, input.dtype, input.colour, input.scale, input.mean, input.std, "
+        "input.resize, input.align, input.pad (family fastestdet, yolox), or family, licence, sha256, joints, "
+        "crop_margin, input.name, "
+    ) in message
+
+
+def test_a_manifest_of_another_network_is_refused(tmp_path):
+    path = write(tmp_path)
+    stated = hashlib.sha256(path.read_bytes()).hexdigest()
+    path.write_bytes(tiny_network(yolox_constant() + 1))
+    assert refusal(load_model, path) == (
+        "the manifest describes another network than the one beside it\n"
+        f"  where:    {path}\n"
+        f"  expected: SHA-256 {stated}, as model.toml states\n"
+        f"  got:      SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()}\n"
+        "  do next:  restore the network that belongs to model.toml, or mend the manifest for this one"
+    )
+
+
+@pytest.mark.parametrize(
+    ("network", "got"),
+    [
+        ({"name": "input"}, "'input' 1x3x32x32 tensor(float)"),
+        ({"shape": (1, 32, 32, 3)}, "'images' 1x32x32x3 tensor(float)"),
+        ({"shape": (1, 3, 32)}, "'images' 1x3x32 tensor(float)"),
+        ({"element_type": UINT8}, "'images' 1x3x32x32 tensor(uint8)"),
+    ],
+    ids=["name", "shape", "dimensions", "type"],
+)
+def test_an_input_other_than_the_manifest_states_is_refused(tmp_path, network, got):
+    path = write(tmp_path, tiny_network(yolox_constant(), **network))
+    assert refusal(load_model, path) == (
+        "the network's input is not what its manifest states\n"
+        f"  where:    {path}\n"
+        "  expected: 'images' 1x3x32x32 tensor(float)\n"
+        f"  got:      {got}\n"
+        "  do next:  mend input.name, input.size_wh, input.layout and input.dtype of the manifest"
+    )
+
+
+def test_an_output_with_other_classes_is_refused(tmp_path):
+    path = write(tmp_path, tiny_network(yolox_constant(classes=3)))
+    assert refusal(load_model, path) == (
+        "the network's output is not what the manifest's family gives\n"
+        f"  where:    {path}\n"
+        "  expected: 1x21x7\n"
+        "  got:      1x21x8\n"
+        "  do next:  check family, classes and input.size_wh of the manifest, and that the network was exported "
+        "without post-processing"
+    )
+
+
+@pytest.mark.parametrize(
+    "onnx",
+    [b"no network at all", tiny_network(yolox_constant())[:-200], tiny_network(yolox_constant(), op_type="Levitate")],
+    ids=["text", "cut off", "unknown operator"],
+)
+def test_a_file_that_onnxruntime_cannot_run_is_refused(tmp_path, onnx):
+    path = write(tmp_path, onnx)
+    message = refusal(load_model, path)
+    assert message.startswith(f"onnxruntime cannot run this network\n  where:    {path}\n")
+    assert message.endswith("export the network again with an older opset")
+
+
+def test_text_that_is_no_toml_is_refused(tmp_path):
+    path = write(tmp_path, text="family = yolox")
+    assert refusal(load_model, path).startswith(
+        f"the model manifest is not TOML\n  where:    {path.with_suffix('.toml')}\n  expected: TOML text\n"
+    )
+
+
+@pytest.mark.parametrize(("family", "got"), [('family = "yolov7"', "'yolov7'"), ("", "None"), ("family = 5", "5")])
+def test_an_unknown_family_is_refused(tmp_path, family, got):
+    path = write(tmp_path, text=BOXES.replace('family = "yolox"', family))
+    assert refusal(load_model, path) == (
+        "unknown model family\n"
+        f"  where:    {path.with_suffix('.toml')}\n"
+        "  expected: family = one of fastestdet, movenet, yolox\n"
+        f"  got:      {got}\n"
+        "  do next:  name the family whose output the network has, or add an adapter to recognition.detectors"
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what", "got", "do_next"),
+    [
+        ("licence =", "license =", "entry licence: field required", "nothing", "add licence"),
+        ('licence = "MIT"', 'licence = "MIT"\nauthor = "x"', "entry author: extra inputs are not permitted", "'x'",
+         "mend or remove author"),
+        ('joints = "coco17"', 'joints = "body25"', "entry joints: input should be 'coco17'", "'body25'",
+         "mend or remove joints"),
+        ("crop_margin = 1.0", "crop_margin = 0.5", "entry crop_margin: input should be greater than or equal to 1",
+         "0.5", "mend or remove crop_margin"),
+        ('colour = "rgb"', 'colour = "grey"', "entry input.colour: input should be 'bgr' or 'rgb'", "'grey'",
+         "mend or remove input.colour"),
+        ('align = "centre"', "border = 3", "entry input.border: extra inputs are not permitted", "3",
+         "mend or remove input.border"),
+    ],
+)  # fmt: skip
+def test_a_mistake_in_a_manifest_is_named(tmp_path, old, new, what, got, do_next):
+    path = write(tmp_path, text=POSES.replace(old, new))
+    message = refusal(load_model, path)
+    assert message.startswith(f"model manifest: {what}\n  where:    {path.with_suffix('.toml')}\n  expected: the entries ")
+    assert message.endswith(f"  got:      {got}\n  do next:  {do_next}")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ('classes = ["person", "hard_hat"]', 'classes = "coco81"',
+         "entry classes: value error, unknown set of classes; give a list of names, or coco80"),
+        ('classes = ["person", "hard_hat"]', 'classes = ["person", "person"]',
+         "entry classes: value error, class names repeat"),
+        ('classes = ["person", "hard_hat"]', "classes = []",
+         "entry classes: tuple should have at least 1 item after validation, not 0"),
+        ('person_class = "person"', 'person_class = "worker"', "entry person_class: value error, none of the classes"),
+        ("score_threshold = 0.5", "score_threshold = 0", "entry score_threshold: input should be greater than 0"),
+        ('dtype = "float32"', 'dtype = "uint8"',
+         "entry input: value error, a uint8 input takes pixels as they are: leave out scale, mean and std"),
+        ('resize = "letterbox"', 'resize = "stretch"\nalign = "centre"',
+         "entry input: value error, align is for letterbox: a stretched image fills the input"),
+    ],
+)  # fmt: skip
+def test_entries_that_contradict_each_other_are_named(tmp_path, old, new, what):
+    path = write(tmp_path, text=BOXES.replace(old, new))
+    assert refusal(load_model, path).startswith(f"model manifest: {what}\n")
+
+
+def test_the_kinds_of_network_are_not_confused(tmp_path):
+    boxes, poses = write(tmp_path), write_poses(tmp_path)
+    assert refusal(load_detector, poses) == (
+        "this is not a box network\n"
+        f"  where:    {poses}\n"
+        "  expected: a box network: family fastestdet or yolox\n"
+        "  got:      family movenet\n"
+        "  do next:  give a box network here"
+    )
+    assert f"this is not a pose network\n  where:    {boxes}" in refusal(load_detector, boxes, boxes)
+
+
+def test_a_number_of_threads_below_one_is_refused(tmp_path):
+    with pytest.raises(OptionError, match="option threads is out of range"):
+        load_model(write(tmp_path), threads=0)
+
+
+def test_more_threads_give_the_same_boxes(tmp_path):
+    path, image = write(tmp_path), np.full((64, 64, 3), 80, np.uint8)
+    assert load_model(path, threads=2).boxes(image).xyxy == pytest.approx(load_model(path).boxes(image).xyxy)
