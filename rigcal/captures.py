@@ -209,9 +209,7 @@ def _video_camera(path: Path) -> CaptureCamera:
             if not container.streams.video:
                 raise BrokenFileError(path, expected="a video stream", got="none")
             stream = container.streams.video[0]
-            ticks = sorted(
-                p.pts if p.pts is not None else p.dts for p in container.demux(stream) if p.size and _timed(p)
-            )
+            ticks = sorted(t for p in container.demux(stream) if p.size and (t := _tick(p)) is not None)
             size_wh = (stream.codec_context.width, stream.codec_context.height)
             rate = stream.average_rate or stream.guessed_rate
             base = stream.time_base

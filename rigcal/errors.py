@@ -19,7 +19,8 @@
     ├── RigFileError              a rig file that must not be used
     │   ├── RigFileDigestError
     │   ├── RigFileVersionError
-    │   └── RigFileSchemaError
+    │   ├── RigFileSchemaError
+    │   └── EvidenceError         the residuals beside it are another rig's
     └── FormatError               another tool's file
         ├── FormatEntryError
         ├── UnknownFormatError
@@ -270,6 +271,19 @@ class RigFileSchemaError(RigFileError):
             expected=expected,
             got=got,
             do_next="use a file written by rigcal calibrate or rigcal import; own entries belong under extensions",
+        )
+
+
+class EvidenceError(RigFileError):
+    """The residuals beside a rig file are of other cameras."""
+
+    def __init__(self, *, expected: Sequence[str], got: Sequence[str]) -> None:
+        super().__init__(
+            "the residuals beside the rig file belong to another rig",
+            where="the .residuals.npz of the same name",
+            expected=f"residuals of {', '.join(expected)}",
+            got=f"residuals of {', '.join(got)}",
+            do_next="move that file away, or calibrate again with rigcal calibrate, which writes both",
         )
 
 

@@ -21,7 +21,7 @@ from rigcal.geometry import Floats
 CORNER_FROM_CENTRE_PX = 0.5
 """Foxglove's pixel coordinate minus ours."""
 LINE_PX, JOINT_PX, FONT_PX = 2.0, 5.0, 16.0
-"""Line width, joint diameter and letter height: legible at 1280x720 without hiding what is below."""
+"""Line width, joint diameter and letter height, for images of about 1280x720."""
 _TEXT_BACKGROUND = Color(r=0.0, g=0.0, b=0.0, a=0.5)
 
 

@@ -23,7 +23,7 @@ from recognition.recording.container import LIBRARY_NAME, mapped, open_writer, p
 from recognition.recording.content import missing_messages
 from recognition.recording.definitions import is_definition, repeated_definitions
 from recognition.recording.scan import Damage, Placed, scan
-from recognition.recording.structure import data_checksum_holds, structure_findings
+from recognition.recording.structure import data_checksum_holds, index_checksum_holds, structure_findings
 from recognition.recording.survey import ChannelSurvey, Survey, survey
 
 
@@ -106,7 +106,7 @@ def _write_copy(data: mmap, found: Survey, temporary: Path) -> int:
     header = found.header or r.Header("", "")
     with temporary.open("wb") as stream:
         writer = open_writer(stream, profile=header.profile, library=header.library)
-        channel_ids = _define(writer, found)
+        channel_ids = _define(writer, found, index_is_sound=index_checksum_holds(data, found.footer))
         for record in _sound_records(data):
             if isinstance(record, r.Message) and record.channel_id in channel_ids:
                 channel_id = channel_ids[record.channel_id]
@@ -132,13 +132,13 @@ def _sound_records(data: mmap) -> Iterator[r.McapRecord]:
             yield from (inner.record for inner in part.contents)
 
 
-def _define(writer: Writer, found: Survey) -> dict[int, int]:
+def _define(writer: Writer, found: Survey, *, index_is_sound: bool) -> dict[int, int]:
     """Register every schema and channel that is known from anywhere; the new id of each channel."""
     schemas: dict[int, r.Schema] = {}
     channels: dict[int, r.Channel] = {}
     for record in (
         *repeated_definitions(found.metadata),
-        *found.stated_definitions.values(),
+        *(found.stated_definitions.values() if index_is_sound else ()),
         *found.definitions.values(),
     ):
         if isinstance(record, r.Schema):
@@ -194,11 +194,11 @@ def _recovery(data: mmap, found: Survey, kept: Survey) -> Recovery:
 def _losses(
     data: mmap, found: Survey, kept: Survey, damages: list[Damage], missing: Mapping[str, int]
 ) -> Iterator[str]:
+    orphans = found.orphans + _message_count(found) - _message_count(kept)
     for damage in damages:
         yield f"bytes {damage.offset} to {damage.end}: {damage.reason}"
-    for topic, count in missing.items():
-        yield f"{topic}: {count} messages are missing"
-    orphans = found.orphans + _message_count(found) - _message_count(kept)
+    if damages or orphans:  # else they were missing before
+        yield from (f"{topic}: {count} messages are missing" for topic, count in missing.items())
     if orphans:
         yield f"{orphans} messages are of channels whose definition is lost"
     if found.data_end is None:

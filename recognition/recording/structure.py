@@ -42,9 +42,7 @@ def _checksum_findings(data: mmap, data_end: Placed, footer: Placed | None) -> I
     if start == 0:
         yield error("the file has no index")
         return
-    stated = footer.record.summary_crc
-    end = footer.offset + HEADER_BYTES + _FOOTER_OFFSETS_BYTES
-    if start != data_end.end or stated not in (0, _crc32(data, start, end)):
+    if start != data_end.end or not index_checksum_holds(data, footer):
         yield error("the checksum or the place of the index is wrong")
 
 
@@ -52,6 +50,14 @@ def data_checksum_holds(data: mmap, data_end: Placed) -> bool:
     """Whether the bytes before the end of the data section are those that were written, as far as it says."""
     stated = struct.unpack_from("<I", data, data_end.offset + HEADER_BYTES)[0]
     return stated in (0, _crc32(data, 0, data_end.offset))
+
+
+def index_checksum_holds(data: mmap, footer: Placed | None) -> bool:
+    """Whether the bytes of the index are those that were written, as far as the footer says."""
+    if footer is None or not isinstance(footer.record, r.Footer):
+        return False
+    end = footer.offset + HEADER_BYTES + _FOOTER_OFFSETS_BYTES
+    return footer.record.summary_crc in (0, _crc32(data, footer.record.summary_start, end))
 
 
 def _crc32(data: mmap, start: int, end: int) -> int:

@@ -1,1 +1,131 @@
-def html_report(*a): ...
+"""The calibration report as one HTML page: no script, nothing loaded from elsewhere, the same bytes for the same rig."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+
+from rigcal.camera import FOCAL_AND_CENTRE, MODELS
+from rigcal.errors import EvidenceError
+from rigcal.evidence import Evidence
+from rigcal.report import numbers, words
+from rigcal.report.plan import horizontal_fov_deg, plan_of
+from rigcal.report.residuals import ResidualFigure, residual_figure
+from rigcal.rigdocument import GateEntry, RigDocument
+from rigcal.rigfile import readable_json, rig_of
+
+RMSE_TOLERANCE = 0.01
+"""Share by which the residuals' RMSE may differ from the rig file's before the page says that they do not belong."""
+
+
+def html_report(document: RigDocument, evidence: Evidence | None, *, title: str | None = None) -> str:
+    """The report of a rig file as one page that works offline, on a phone and printed on A4.
+
+    Args:
+        document: The rig file's content.
+        evidence: The residuals beside it; without them the page says that they are missing.
+        title: Heading of the page; the site's name where it is not given.
+
+    Raises:
+        EvidenceError: where the residuals are of other cameras than the rig.
+    """
+    if evidence is not None and set(evidence.camera_ids) != set(document.camera_ids):
+        raise EvidenceError(expected=document.camera_ids, got=evidence.camera_ids)
+    rig = rig_of(document)
+    centres = {camera.id: camera.cam_from_rig.inverse().translation_m for camera in rig.cameras}
+    return _template().render(
+        document=document,
+        title=title or f"Calibration of {document.site}",
+        sentence=words.verdict_sentence(document),
+        actions=words.next_actions(document),
+        points=words.open_points(document),
+        facts=_facts(document),
+        failed_cells={(gate.name, gate.camera) for gate in words.failed_gates(document)},
+        failed=_by_name(words.failed_gates(document)),
+        passed=_by_name(tuple(gate for gate in document.gates if gate.passed)),
+        residuals=_residuals(document, evidence),
+        has_evidence=evidence is not None,
+        plan=plan_of(document, evidence),
+        centres=centres,
+        distances={camera_id: float(np.linalg.norm(centre)) for camera_id, centre in centres.items()},
+        fields_of_view={camera.id: horizontal_fov_deg(camera.camera) for camera in rig.cameras},
+        links=words.chain_links(document),
+        instants=words.instants_sentence(document),
+        findings=sum(len(camera.views.findings) for camera in document.cameras),
+    )
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "fixed": numbers.fixed,
+        "scaled": numbers.scaled,
+        "signed": numbers.signed,
+        "short_digest": words.short_digest,
+        "gate_value": words.gate_value,
+        "gate_limit": words.gate_limit,
+        "gate_meaning": words.gate_meaning,
+        "findings_counts": words.findings_counts,
+        "json": readable_json,
+    }
+    environment.globals |= {
+        "counted": words.counted,
+        "with_sigma": numbers.with_sigma,
+        "frozenset": frozenset,
+        "rmse_meanings": words.RMSE_MEANINGS,
+        "focal_and_centre": FOCAL_AND_CENTRE,
+        "distortion_names": {model: names[len(FOCAL_AND_CENTRE) :] for model, names in MODELS.items()},
+    }
+    return environment.get_template("report.html.j2")
+
+
+def _by_name(gates: tuple[GateEntry, ...]) -> list[tuple[str, list[GateEntry]]]:
+    """Gates of one name together, names in the order in which they first appear."""
+    order = list(dict.fromkeys(gate.name for gate in gates))
+    grouped = groupby(sorted(gates, key=lambda gate: order.index(gate.name)), key=lambda gate: gate.name)
+    return [(name, list(group)) for name, group in grouped]
+
+
+def _facts(document: RigDocument) -> list[tuple[str, str, str]]:
+    """The few figures that sum the rig up: what, figure, whose."""
+    facts = [("cameras", str(len(document.cameras)), f"reference {document.reference}")]
+    refined = [(c.rmse_px.refined, c.id) for c in document.cameras if c.rmse_px.refined is not None]
+    if refined:
+        worst, camera_id = max(refined)
+        facts.append(("greatest refined RMSE", f"{numbers.fixed(worst)} px", camera_id))
+    positions = [(c.sigma.position_m, c.id) for c in document.cameras if c.sigma is not None]
+    if len(positions) > 1:
+        worst, camera_id = max(positions)
+        facts.append(("least certain position", f"± {numbers.scaled(worst, 1e3, 1)} mm", f"{camera_id}, one sigma"))
+    scene = next((gate.value for gate in document.gates if gate.name == "scene_sigma_m"), None)
+    if scene is not None:
+        facts.append(("a point in the scene", f"± {numbers.scaled(scene, 1e3, 1)} mm", "one sigma"))
+    return facts
+
+
+def _residuals(document: RigDocument, evidence: Evidence | None) -> list[tuple[str, ResidualFigure | None, str]]:
+    """Per camera its figure, and what is wrong with it in words (empty: nothing)."""
+    found = []
+    for camera in document.cameras if evidence else ():
+        figure = residual_figure(camera, evidence) if evidence else None
+        stated, measured = camera.rmse_px.refined, figure.rmse_px if figure else None
+        differs = None not in (stated, measured) and not np.isclose(stated, measured, rtol=RMSE_TOLERANCE, atol=1e-6)
+        problem = (
+            f"These residuals have an RMSE of {numbers.fixed(measured, 3)} px, the rig file states "
+            f"{numbers.fixed(stated, 3)} px: they are of another calibration. Run rigcal calibrate again."
+            if differs
+            else ""
+        )
+        found.append((camera.id, figure, problem))
+    return found

@@ -24,6 +24,11 @@ def scaled(value: float | None, factor: float, decimals: int = 2) -> str:
     return fixed(None if value is None else value * factor, decimals)
 
 
+def signed(value: float, decimals: int = 3) -> str:
+    """A figure with its sign, such as a mean that should be zero."""
+    return f"{round(value, decimals) + 0.0:+.{decimals}f}"
+
+
 def with_sigma(value: float, sigma: float | None) -> str:
     """A figure and one sigma of it, both to the sigma's second digit: ``1413.69 ± 0.66``."""
     if sigma is None or sigma == 0:

@@ -16,7 +16,7 @@ from rigcal.evidence import Evidence
 from rigcal.geometry import Floats, Pose
 from rigcal.report.numbers import fixed, round_down
 from rigcal.report.svgpath import dots, polygon
-from rigcal.report.words import counted
+from rigcal.report.words import chain_links, counted
 from rigcal.rig import RigCamera
 from rigcal.rigdocument import RigDocument
 from rigcal.rigfile import rig_of
@@ -169,7 +169,8 @@ def _view(cameras: tuple[RigCamera, ...], world_from_rig: Pose | None, reference
         down = reference.cam_from_rig.rotation[1]
         above = f"along the down axis of {reference.id}, as the vertical is not known and the cameras have no common one"
     up = -down / np.linalg.norm(down)
-    forward = max((axis - (axis @ up) * up for axis in reference.cam_from_rig.rotation[[2, 0]]), key=np.linalg.norm)
+    forwards = (axis - (axis @ up) * up for axis in reference.cam_from_rig.rotation[[2, 1, 0]])
+    forward = next(axis for axis in forwards if np.linalg.norm(axis) > DEGENERATE)
     ahead = forward / np.linalg.norm(forward)
     return _View(np.stack([np.cross(ahead, up), ahead]), np.zeros(2), above)
 
@@ -192,7 +193,7 @@ def _position_covariances(document: RigDocument, view: _View) -> dict[str, Float
     poses = {camera.id: camera.cam_from_rig.pose for camera in document.cameras}
     for index, camera_id in enumerate(ids):
         R, t = poses[camera_id].rotation, poses[camera_id].translation_m
-        by_pose = view.rows @ np.hstack([np.cross(R.T, t), -R.T])
+        by_pose = view.rows @ np.hstack([-np.cross(R.T, t), -R.T])
         rows = slice(6 * index, 6 * index + 6)
         found[camera_id] = by_pose @ matrix[rows, rows] @ by_pose.T
     return found
@@ -213,7 +214,7 @@ def _plan_camera(camera_id: str, at: Floats, wedge: Floats, covariance: Floats |
 
 def _edges(document: RigDocument, at: Floats) -> tuple[PlanEdge, ...]:
     places = dict(zip(document.camera_ids, at.tolist(), strict=True))
-    links = {frozenset(pair) for c in document.cameras for pair in zip(c.chain, c.chain[1:], strict=False)}
+    links = chain_links(document)
     edges = [
         PlanEdge(
             *places[pair.cameras[0]],

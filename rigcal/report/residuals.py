@@ -7,14 +7,13 @@ gives the same page.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from rigcal.bundle import rmse_px
 from rigcal.evidence import Evidence
-from rigcal.geometry import Floats, Ints
+from rigcal.geometry import Ints
 from rigcal.report.numbers import round_down, round_up
 from rigcal.report.svgpath import crosses, dots, lines
 from rigcal.rigdocument import CameraEntry
@@ -25,11 +24,13 @@ SHOWN_REJECTED = 500
 """Rejected corners drawn per camera."""
 IMAGE_UNITS = 1000.0
 """Width of the image plane in the figure's units."""
-LONG_LINE_UNITS = 60.0
+LONG_LINE_UNITS = 45.0
 """Length that 95 of 100 residual lines stay below: about the distance of corners in a view that fills the image."""
 CLOUD_UNITS = 100.0
 """Half the width of the cloud in the figure's units."""
-CROSS_UNITS = 5.0
+REJECTED_LINE_UNITS = 2 * LONG_LINE_UNITS
+"""Length at which a rejected corner's line is cut: a gross one would cross the whole figure."""
+PLANE_CROSS_UNITS, CLOUD_CROSS_UNITS = 5.0, 2.5
 """Half the width of a rejected corner's cross."""
 _GOLDEN = (5**0.5 - 1) / 2
 
@@ -41,7 +42,7 @@ class Marks:
     corners: str
     """Each detected corner on the image plane: a dot where it was used, a cross where it was rejected."""
     lines: str
-    """From each corner along its magnified residual."""
+    """From each corner along its magnified residual; that of a rejected one is cut."""
     cloud: str
     """Each dx, dy likewise; those beyond the frame lie on it."""
 
@@ -97,10 +98,9 @@ def residual_figure(camera: CameraEntry, evidence: Evidence) -> ResidualFigure |
     kept, left = spread(np.flatnonzero(used), SHOWN_CORNERS), spread(np.flatnonzero(~used), SHOWN_REJECTED)
     sigma_px = float(np.sqrt((judged**2).mean()))
 
-    def marks(rows: Ints, symbol: Callable[[Floats], str]) -> Marks:
-        at = (pixels[rows] + 0.5) / unit_px
-        cloud = np.clip(residuals[rows] / cloud_px, -1, 1) * CLOUD_UNITS
-        return Marks(symbol(at), lines(at, residuals[rows] * magnification / unit_px), symbol(cloud))
+    at, steps = (pixels + 0.5) / unit_px, residuals * magnification / unit_px
+    cloud = np.clip(residuals / cloud_px, -1, 1) * CLOUD_UNITS
+    cut = REJECTED_LINE_UNITS / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), REJECTED_LINE_UNITS)
 
     return ResidualFigure(
         camera_id=camera.id,
@@ -119,8 +119,12 @@ def residual_figure(camera: CameraEntry, evidence: Evidence) -> ResidualFigure |
         cloud_px=cloud_px,
         sigma_units=sigma_px / cloud_px * CLOUD_UNITS,
         beyond=int((np.abs(residuals).max(axis=1) > cloud_px).sum()),
-        used_marks=marks(kept, dots),
-        rejected_marks=marks(left, lambda points: crosses(points, CROSS_UNITS)),
+        used_marks=Marks(dots(at[kept]), lines(at[kept], steps[kept]), dots(cloud[kept])),
+        rejected_marks=Marks(
+            crosses(at[left], PLANE_CROSS_UNITS),
+            lines(at[left], (steps * cut)[left]),
+            crosses(cloud[left], CLOUD_CROSS_UNITS),
+        ),
     )
 
 

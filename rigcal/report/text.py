@@ -16,7 +16,6 @@ from rigcal.report.words import (
     failed_gates,
     findings_counts,
     gate_limit,
-    gate_meaning,
     gate_value,
     instants_sentence,
     next_actions,
@@ -51,10 +50,7 @@ def _parts(document: RigDocument, file_name: str | None) -> Iterator[RenderableT
     yield Text(_origin(document, file_name))
     if actions := next_actions(document):
         yield heading("Next actions")
-        for number, action in enumerate(actions, 1):
-            yield Padding(Text(f"{number}. {plain(action.advice)}"), (0, 0, 0, 2))
-            for reason in action.reasons:
-                yield Padding(Text(plain(reason), style="dim"), (0, 0, 0, 5))
+        yield numbered([f"{plain(action.advice)} ({plain(action.named_gates)})" for action in actions])
     yield from _cameras(document)
     if document.pairs:
         yield from _pairs(document)
@@ -87,6 +83,16 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, left: Sequen
         grid.add_column(Text(name), justify="left" if index in left else "right", overflow="fold")
     for row in rows:
         grid.add_row(*(Text(cell) for cell in row))
+    return grid
+
+
+def numbered(items: Sequence[str]) -> Table:
+    """A numbered list, its lines indented past the numbers."""
+    grid = Table.grid(padding=(0, 1))
+    grid.add_column(justify="right")
+    grid.add_column(overflow="fold")
+    for number, item in enumerate(items, 1):
+        grid.add_row(Text(f"{number}."), Text(item))
     return grid
 
 
@@ -167,28 +173,25 @@ def findings_parts(cameras: Sequence[tuple[str, ViewsEntry]]) -> Iterator[Render
 
 
 def _clocks(document: RigDocument) -> Iterator[RenderableType]:
-    yield heading("Clocks")
+    yield heading("Clocks, camera to rig time")
     rows = [
         [
             plain(camera.id),
-            scaled(clock.offset_s, 1e3, 3),
-            fixed(clock.drift_ppm),
-            scaled(clock.bound_s, 1e3, 3),
-            fixed(clock.drift_bound_ppm),
+            f"{scaled(clock.offset_s, 1e3, 3)} +- {scaled(clock.bound_s, 1e3, 3)}",
+            f"{fixed(clock.drift_ppm)} +- {fixed(clock.drift_bound_ppm)}",
             clock.method,
             clock.at_utc,
         ]
         for camera in document.cameras
         if (clock := camera.clock)
     ]
-    columns = ["camera", "offset, ms", "drift, ppm", "+-, ms", "+-, ppm", "method", "at"]
-    yield table(columns, rows, left=(0, 5, 6))
+    yield table(["camera", "offset, ms", "drift, ppm", "method", "at"], rows, left=(0, 3, 4))
 
 
 def _failed(document: RigDocument) -> Iterator[RenderableType]:
     yield heading("Failed gates")
     rows = [
-        [gate.name, plain(gate.camera or "the rig"), gate_value(gate), gate_limit(gate), gate_meaning(gate.name).what]
+        [gate.name, plain(gate.camera or "the rig"), gate_value(gate), gate_limit(gate)]
         for gate in failed_gates(document)
     ]
-    yield table(["gate", "camera", "value", "limit", "measures"], rows, left=(0, 1, 4))
+    yield table(["gate", "camera", "value", "limit"], rows, left=(0, 1))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rigcal.report.numbers import beside_limit, fixed, significant
@@ -46,6 +45,14 @@ class Action:
     def reasons(self) -> tuple[str, ...]:
         """Each failed gate with its camera, value and limit."""
         return tuple(gate_sentence(gate) for gate in self.gates)
+
+    @property
+    def named_gates(self) -> str:
+        """``position_sigma_m of cam2, cam3; split_half of the rig``."""
+        cameras: dict[str, list[str]] = {}
+        for gate in self.gates:
+            cameras.setdefault(gate.name, []).append(gate.camera or "the rig")
+        return "; ".join(f"{name} of {', '.join(named)}" for name, named in cameras.items())
 
 
 def counted(count: int, noun: str, plural: str | None = None) -> str:
@@ -147,6 +154,8 @@ def findings_counts(views: ViewsEntry) -> str:
     return ", ".join(f"{actions.count(action)} {action}" for action in dict.fromkeys(actions))
 
 
-def on_chain(document: RigDocument, cameras: Sequence[str]) -> bool:
-    """Whether a pair of cameras is a link of some camera's chain."""
-    return any({one, two} == set(cameras) for c in document.cameras for one, two in zip(c.chain, c.chain[1:], strict=False))
+def chain_links(document: RigDocument) -> frozenset[frozenset[str]]:
+    """Pairs of cameras that are neighbours on some camera's chain to the reference."""
+    return frozenset(
+        frozenset(link) for camera in document.cameras for link in zip(camera.chain, camera.chain[1:], strict=False)
+    )

@@ -66,9 +66,7 @@ def pick(xyxy, scores, threshold=0.3):
 
 def test_overlapping_boxes_of_one_class_are_one_object_and_of_two_classes_two():
     one, almost, apart = [10, 10, 50, 90], [12, 10, 52, 90], [120, 10, 160, 90]
-    boxes = pick(
-        [one, almost, one, apart], [[0, 0, 0.6], [0.1, 0, 0.9], [0, 0.5, 0.4], [0, 0, 0.7]]
-    )
+    boxes = pick([one, almost, one, apart], [[0, 0, 0.6], [0.1, 0, 0.9], [0, 0.5, 0.4], [0, 0, 0.7]])
     assert boxes.classes == ("person", "person", "ladder")
     assert boxes.xyxy == pytest.approx(np.array([almost, apart, one]))
     assert boxes.score == pytest.approx([0.9, 0.7, 0.5])

@@ -29,11 +29,19 @@ def brightest_edges(tensor_hwc):
     return np.array([(weight * (columns + 0.5)).sum(), (weight * (rows + 0.5)).sum()]) / weight.sum()
 
 
-@pytest.mark.parametrize("resize", ["letterbox", "stretch"])
-@pytest.mark.parametrize("align", ["top_left", "centre"])
+@pytest.mark.parametrize(
+    ("resize", "align"), [("letterbox", "top_left"), ("letterbox", "centre"), ("stretch", "top_left")]
+)
 @pytest.mark.parametrize(
     "region",
-    [None, (200, 150, 520, 440), (-90, -60, 411, 399), (240, 150, 840, 650), (270, 180, 337, 243), (250, 190, 347, 231)],
+    [
+        None,
+        (200, 150, 520, 440),
+        (-90, -60, 411, 399),
+        (240, 150, 840, 650),
+        (270, 180, 337, 243),
+        (250, 190, 347, 231),
+    ],
     ids=["whole", "inside", "beyond top left", "beyond bottom right", "enlarged", "one axis shrunk"],
 )
 def test_a_dot_comes_back_to_where_it_was_in_the_image(region, align, resize):
@@ -69,9 +77,7 @@ def test_channels_values_and_axes_follow_the_manifest():
     fit = fit_region(
         image,
         whole_image(image),
-        spec(
-            layout="nchw", dtype="float32", colour="rgb", scale=1 / 255, mean=(0.5, 0.2, 0.1), std=(0.5, 0.4, 0.2)
-        ),
+        spec(layout="nchw", dtype="float32", colour="rgb", scale=1 / 255, mean=(0.5, 0.2, 0.1), std=(0.5, 0.4, 0.2)),
     )
     assert fit.tensor.shape == (1, 3, 64, 96)
     assert fit.tensor.dtype == np.float32

@@ -1,6 +1,6 @@
 """Networks and manifests from files: what is loaded, and every way in which it is refused.
 
-The networks are written here, byte by byte in ONNX's protobuf form: output = constant + brightest input value.
+The networks are written here, byte by byte in ONNX's protobuf form: output = constant + gain * brightest input value.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import sys
 import numpy as np
 import pytest
 
+from recognition import detectors
 from recognition.detectors import PeopleAndObjects, load_detector, load_model
 from recognition.errors import ModelError
 from rigcal.errors import OptionError
@@ -44,28 +45,33 @@ def node(op_type, inputs, output, attributes=b""):
     return b"".join(field(1, name) for name in inputs) + field(2, output) + field(4, op_type) + attributes
 
 
-def tiny_network(constant, *, name="images", element_type=FLOAT, shape=(1, 3, 32, 32), op_type="Add"):
-    constant = np.asarray(constant, np.float32)
-    tensor = b"".join(field(1, dim) for dim in constant.shape)
-    tensor += field(2, FLOAT) + field(8, "constant") + field(9, constant.tobytes())
+def tensor(name, values):
+    dims = b"".join(field(1, dim) for dim in values.shape)
+    return dims + field(2, FLOAT) + field(8, name) + field(9, values.astype(np.float32).tobytes())
+
+
+def tiny_network(constant, gain, *, name="images", element_type=FLOAT, shape=(1, 3, 32, 32), op_type="Add"):
     to_float = field(5, field(1, "to") + field(3, FLOAT) + field(20, 2))
     no_dims = field(5, field(1, "keepdims") + field(3, 0) + field(20, 2))
     nodes = (
         node("Cast", [name], "float", to_float),
         node("ReduceMax", ["float"], "brightest", no_dims),
-        node(op_type, ["constant", "brightest"], "output"),
+        node("Mul", ["gain", "brightest"], "scaled"),
+        node(op_type, ["constant", "scaled"], "output"),
     )
-    graph = b"".join(field(1, one) for one in nodes) + field(2, "tiny") + field(5, tensor)
+    graph = b"".join(field(1, one) for one in nodes) + field(2, "tiny")
+    graph += field(5, tensor("constant", constant)) + field(5, tensor("gain", gain))
     graph += field(11, value_info(name, element_type, shape))
     graph += field(12, value_info("output", FLOAT, constant.shape))
     return field(1, 8) + field(7, graph) + field(8, field(1, "") + field(2, 13))
 
 
-def yolox_constant(classes=2):
-    """One box in the grid of stride 32, centre (16, 16), 32 px; its score is what the brightest value adds."""
-    output = np.full((1, 16 + 4 + 1, 5 + classes), -1.0)
-    output[0, 20] = [0.5, 0.5, 0, 0, *[0] * (1 + classes)]
-    return output
+def tiny_yolox(classes=2, height_px=32, **network):
+    """One person in the grid of stride 32, centre (16, 16), 32 px wide; its score is the brightest input value."""
+    constant, gain = np.zeros((2, 1, 16 + 4 + 1, 5 + classes))
+    constant[0, 20, :6] = 0.5, 0.5, 0, np.log(height_px / 32), 0, 1
+    gain[0, 20, 4] = 1
+    return tiny_network(constant, gain, **network)
 
 
 BOXES = """
@@ -104,19 +110,17 @@ align = "centre"
 
 
 def write(folder, onnx=None, text=BOXES, stem="model"):
-    onnx = tiny_network(yolox_constant()) if onnx is None else onnx
+    onnx = onnx or tiny_yolox()
     (folder / f"{stem}.onnx").write_bytes(onnx)
     (folder / f"{stem}.toml").write_text(text.format(sha256=hashlib.sha256(onnx).hexdigest()), encoding="utf-8")
     return folder / f"{stem}.onnx"
 
 
-def write_poses(folder, stem="poses"):
-    constant = np.zeros((1, 1, 17, 3))
-    constant[0, 0, :, 0] = 0.25 - 200
-    constant[0, 0, :, 1] = 0.5 - 200
-    constant[0, 0, :, 2] = 0.75 - 200
-    onnx = tiny_network(constant, name="image", element_type=UINT8, shape=(1, 32, 32, 3))
-    return write(folder, onnx, POSES, stem)
+def write_poses(folder):
+    """Every joint a quarter down and half across the crop, with score 0.75."""
+    constant = np.tile([0.25, 0.5, 0.75], (1, 1, 17, 1))
+    onnx = tiny_network(constant, constant * 0, name="image", element_type=UINT8, shape=(1, 32, 32, 3))
+    return write(folder, onnx, POSES, "poses")
 
 
 def refusal(call, *args, **kwargs):
@@ -132,7 +136,7 @@ def test_a_network_is_loaded_by_its_file_or_by_its_manifest(tmp_path, suffix):
     found = model.boxes(np.full((64, 64, 3), 80, np.uint8))
     assert found.classes == ("person",)
     assert found.xyxy == pytest.approx(np.array([[-0.5, -0.5, 63.5, 63.5]]))
-    assert found.score == pytest.approx([0.8 * 0.8], abs=1e-6)
+    assert found.score == pytest.approx([0.8])
     assert model.person_class == "person"
 
 
@@ -144,14 +148,12 @@ def test_a_network_says_which_it_is(tmp_path):
 
 
 def test_two_files_make_a_detector(tmp_path):
-    detector = load_detector(write(tmp_path), write_poses(tmp_path))
-    # The person's box is the image; 96 x 64 px, so that the crop has bands above and below.
-    found = detector.detect(np.full((64, 96, 3), 200, np.uint8))
+    detector = load_detector(write(tmp_path, tiny_yolox(height_px=16)), write_poses(tmp_path))
+    found = detector.detect(np.full((64, 64, 3), 200, np.uint8))
     assert [info.family for info in detector.model_info] == ["yolox", "movenet"]
-    assert len(found.people_px) == 0  # all joints in one band, outside of the image
-    square = detector.detect(np.full((64, 64, 3), 200, np.uint8))
-    assert square.people_px == pytest.approx(np.full((1, 17, 2), [31.5, 15.5]), abs=1e-3)
-    assert square.people_score == pytest.approx(np.full((1, 17), 0.75), abs=1e-4)
+    # The box spans rows 16 to 48 of 64; the crop is square about it, so that its quarter is the box's upper edge.
+    assert found.people_px == pytest.approx(np.tile([31.5, 15.5], (1, 17, 1)))
+    assert found.people_score == pytest.approx(np.full((1, 17), 0.75))
 
 
 def test_a_box_network_alone_makes_a_detector(tmp_path):
@@ -161,8 +163,13 @@ def test_a_box_network_alone_makes_a_detector(tmp_path):
 
 
 def test_an_open_dimension_is_accepted(tmp_path):
-    path = write(tmp_path, tiny_network(yolox_constant(), shape=("batch", 3, 32, 32)))
+    path = write(tmp_path, tiny_yolox(shape=("batch", 3, 32, 32)))
     assert load_model(path).boxes(np.zeros((32, 32, 3), np.uint8)).classes == ()
+
+
+def test_the_public_names_exist_and_are_sorted():
+    assert all(hasattr(detectors, name) for name in detectors.__all__)
+    assert detectors.__all__ == sorted(detectors.__all__, key=lambda name: (not name.isupper(), name))
 
 
 def test_onnxruntime_is_imported_when_a_network_is_loaded_and_not_before():
@@ -213,7 +220,7 @@ def test_a_network_without_a_manifest_gets_told_how_to_write_one(tmp_path):
 def test_a_manifest_of_another_network_is_refused(tmp_path):
     path = write(tmp_path)
     stated = hashlib.sha256(path.read_bytes()).hexdigest()
-    path.write_bytes(tiny_network(yolox_constant() + 1))
+    path.write_bytes(tiny_yolox(height_px=8))
     assert refusal(load_model, path) == (
         "the manifest describes another network than the one beside it\n"
         f"  where:    {path}\n"
@@ -234,7 +241,7 @@ def test_a_manifest_of_another_network_is_refused(tmp_path):
     ids=["name", "shape", "dimensions", "type"],
 )
 def test_an_input_other_than_the_manifest_states_is_refused(tmp_path, network, got):
-    path = write(tmp_path, tiny_network(yolox_constant(), **network))
+    path = write(tmp_path, tiny_yolox(**network))
     assert refusal(load_model, path) == (
         "the network's input is not what its manifest states\n"
         f"  where:    {path}\n"
@@ -245,7 +252,7 @@ def test_an_input_other_than_the_manifest_states_is_refused(tmp_path, network, g
 
 
 def test_an_output_with_other_classes_is_refused(tmp_path):
-    path = write(tmp_path, tiny_network(yolox_constant(classes=3)))
+    path = write(tmp_path, tiny_yolox(classes=3))
     assert refusal(load_model, path) == (
         "the network's output is not what the manifest's family gives\n"
         f"  where:    {path}\n"
@@ -258,7 +265,7 @@ def test_an_output_with_other_classes_is_refused(tmp_path):
 
 @pytest.mark.parametrize(
     "onnx",
-    [b"no network at all", tiny_network(yolox_constant())[:-200], tiny_network(yolox_constant(), op_type="Levitate")],
+    [b"no network at all", tiny_yolox()[:-200], tiny_yolox(op_type="Levitate")],
     ids=["text", "cut off", "unknown operator"],
 )
 def test_a_file_that_onnxruntime_cannot_run_is_refused(tmp_path, onnx):
@@ -306,7 +313,9 @@ def test_an_unknown_family_is_refused(tmp_path, family, got):
 def test_a_mistake_in_a_manifest_is_named(tmp_path, old, new, what, got, do_next):
     path = write(tmp_path, text=POSES.replace(old, new))
     message = refusal(load_model, path)
-    assert message.startswith(f"model manifest: {what}\n  where:    {path.with_suffix('.toml')}\n  expected: the entries ")
+    assert message.startswith(
+        f"model manifest: {what}\n  where:    {path.with_suffix('.toml')}\n  expected: the entries "
+    )
     assert message.endswith(f"  got:      {got}\n  do next:  {do_next}")
 
 

@@ -114,9 +114,9 @@ def test_a_box_with_too_few_joints_is_nobody():
     given[3:, 2] = 0.1
     found = PeopleAndObjects(FakeBoxes(box(100, 100)), FakePoses(given)).detect(IMAGE)
     assert found.people_px.shape == (0, 17, 2)
-    found = PeopleAndObjects(
-        FakeBoxes(box(100, 100)), FakePoses(given), options=PeopleOptions(min_joints=3)
-    ).detect(IMAGE)
+    found = PeopleAndObjects(FakeBoxes(box(100, 100)), FakePoses(given), options=PeopleOptions(min_joints=3)).detect(
+        IMAGE
+    )
     assert found.people_px.shape == (1, 17, 2)
 
 

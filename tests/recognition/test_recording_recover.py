@@ -191,6 +191,18 @@ def test_a_damaged_chunk_loses_its_messages_and_no_others(sound, tmp_path, chunk
         assert check_recording(target).ok
 
 
+def test_messages_whose_channel_is_known_from_nowhere_are_counted_as_lost(sound, tmp_path, chunks, data_end):
+    """The chunk that defines the channels is damaged, and so is what repeats one of them."""
+    data = bytearray(sound.read_bytes()[:data_end])
+    data[chunks[0].chunk_start_offset + 5000] ^= 0xFF
+    data[data.index(b"/cam0/image") + 4] ^= 0x01
+    recovery, target = recovered(bytes(data), tmp_path)
+    rest = [message for lot in by_chunk(sound, chunks)[1:] for message in lot]
+    assert content(target) == [message for message in rest if message[1] == "/cam1/image"]
+    orphans = sum(message[1] == "/cam0/image" for message in rest)
+    assert f"{orphans} messages are of channels whose definition is lost" in recovery.losses
+
+
 def test_two_damaged_chunks_are_both_passed_over(sound, tmp_path, chunks):
     data = bytearray(sound.read_bytes())
     for number in (1, 2):
@@ -199,6 +211,9 @@ def test_two_damaged_chunks_are_both_passed_over(sound, tmp_path, chunks):
     assert recovery.chunks == len(chunks) - 2
     assert content(target) == [m for k, lot in enumerate(by_chunk(sound, chunks)) if k not in (1, 2) for m in lot]
     assert [finding.severity for finding in check_recording(target).findings] == ["warning"] * 4
+
+    again, _ = recovered(target.read_bytes(), tmp_path)
+    assert (again.lost, again.missing) == (False, recovery.missing)
 
 
 def test_changed_metadata_is_said_though_every_message_is_kept(sound, tmp_path):
@@ -268,7 +283,7 @@ with recorder(Path(sys.argv[2])) as writing:
 
 
 def test_a_killed_recorder_loses_no_more_than_its_last_second(tmp_path):
-    """200 frames a second of 0-2 kB, so that chunks fill in five seconds; three processes, each killed at its own seeded moment."""
+    """200 frames a second of 0-2 kB, a chunk in five seconds; three processes, killed at seeded moments."""
     random = np.random.default_rng(2026)
     paths = [tmp_path / f"run{seed}.mcap" for seed in range(3)]
     command = [sys.executable, "-c", KILLED_RUN, str(Path(__file__).parent)]

@@ -1,0 +1,339 @@
+"""The command line of recognition: each command parses, calls the library and prints.
+
+Exit codes: 0 ok; 1 a check failed; 2 usage or bad input; 3 data was lost. Known errors are one message on standard
+error, and with ``--json`` also one object on standard output.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from recognition.errors import RecognitionError, RigRefusedError, SourceError
+from rigcal.errors import OutputError, RigcalError
+
+if TYPE_CHECKING:
+    from recognition.detectors import Detector
+    from recognition.recording import Recorded
+    from recognition.runtime import Instant, RunResult
+    from rigcal.rig import Rig
+
+app = typer.Typer(
+    help="Recognise workers and objects in 3D with a calibrated rig, and record everything to MCAP.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    add_completion=False,
+)
+
+DEFAULT_FPS = 30.0
+"""Frame rate of image folders and detections that hold no times, where --fps and the rig file say nothing."""
+
+
+class AssociationMethod(StrEnum):
+    """How detections of different views are matched."""
+
+    paper = "paper"
+
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
+RecordingArgument = Annotated[Path, typer.Argument(metavar="IN.mcap", help="A recording.")]
+
+
+@app.callback()
+def _program() -> None:
+    """Recognise workers and objects in 3D with a calibrated rig, and record everything to MCAP."""
+
+
+@app.command()
+def run(
+    rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file, NAME.rig.json.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT.mcap", help="The recording to write.")],
+    source: Annotated[
+        Path | None, typer.Option(metavar="CAPTURE", help="Folder with a video or a folder of images per camera.")
+    ] = None,
+    detections: Annotated[
+        Path | None, typer.Option(metavar="FILE.npz", help="2D detections, instead of networks.")
+    ] = None,
+    object_model: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Box network, .onnx or its .toml manifest.")
+    ] = None,
+    pose_model: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Keypoint network for the people that the box network finds.")
+    ] = None,
+    poses: Annotated[
+        Path | None, typer.Option(metavar="OUT.npz", help="Also write every worker's joints in 3D.")
+    ] = None,
+    views: Annotated[str | None, typer.Option(metavar="cam0,cam2", help="Use only these cameras of the rig.")] = None,
+    association: Annotated[
+        AssociationMethod, typer.Option(help="How detections of different views are matched.")
+    ] = AssociationMethod.paper,
+    fps: Annotated[
+        float | None,
+        typer.Option(min=0.001, help="Frame rate where the images or detections hold no times [rig file's, else 30]."),
+    ] = None,
+    realtime: Annotated[bool, typer.Option("--realtime", help="Pace files at their capture time.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Track workers and objects in 3D over a capture, and record frames, detections and scenes.
+
+    Exit code 0: done; 2: bad input, or a rig file that must not be run.
+    """
+    from recognition.recording import Recorder
+    from recognition.runtime import RunOptions
+    from recognition.runtime import run as run_instants
+    from rigcal.rigfile import read_rigfile, rig_of
+
+    document = read_rigfile(rig)
+    loaded = rig_of(document)
+    _require_runnable(rig, loaded)
+    use = _used(loaded, views)
+    known = document.extensions.get("rigcal")
+    declared = known.get("fps") if isinstance(known, dict) else None
+    rate = fps or (float(declared) if isinstance(declared, (int, float)) else DEFAULT_FPS)
+    detector = _detector(object_model, pose_model, needed=source is not None and detections is None)
+    instants, total, facts = _instants(loaded, source, detections, detector, use, rate)
+    metadata = {
+        "association": association.value,
+        "views": ",".join(camera_id for camera_id, wanted in zip(loaded.camera_ids, use, strict=True) if wanted),
+        **facts,
+        **({f"model.{m.family}": f"{m.name} {m.sha256}" for m in detector.model_info} if detector else {}),
+    }
+    with _writing(output):
+        recorder = Recorder(output, rig=loaded, rig_json=rig.read_bytes(), metadata=metadata)
+        with recorder, _progress(total, quiet=as_json) as progress:
+            result = run_instants(loaded, instants, recorder, RunOptions(realtime=realtime), progress=progress)
+        recorded = recorder.close()
+    if poses is not None:
+        _write_poses(result, loaded, poses)
+    _tell(loaded, result, recorded, facts, poses, as_json)
+
+
+@app.command()
+def check(recording: RecordingArgument, as_json: JsonOption = False) -> None:
+    """Read every byte of a recording: checksums, index, times, rig, calibration.
+
+    Exit code 0: sound; 1: an error was found; 2: not a recording.
+    """
+    from recognition.recording import check_recording
+
+    found = check_recording(recording)
+    if as_json:
+        _print_json(
+            {
+                "recording": str(recording),
+                "ok": found.ok,
+                "bytes": found.bytes,
+                "duration_s": found.duration_s,
+                "messages": dict(found.messages),
+                "findings": [{"severity": f.severity, "text": f.text} for f in found.findings],
+            }
+        )
+    else:
+        typer.echo(f"{'OK' if found.ok else 'DAMAGED'}  {recording}")
+        typer.echo(f"{sum(found.messages.values())} messages, {found.duration_s:.2f} s, {found.bytes / 1e6:.1f} MB")
+        for topic, count in found.messages.items():
+            typer.echo(f"  {count:8d}  {topic}")
+        for finding in found.findings:
+            typer.echo(f"{finding.severity}: {finding.text}")
+    raise typer.Exit(0 if found.ok else 1)
+
+
+@app.command()
+def recover(
+    recording: Annotated[Path, typer.Argument(metavar="IN.mcap", help="A killed or damaged recording, or its .part.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT.mcap", help="The recording to write.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Copy everything sound of a recording into a new one; the source is only read.
+
+    Exit code 0: nothing was lost; 3: something was, and how much is said; 2: nothing can be read.
+    """
+    from recognition.recording import recover_recording
+
+    with _writing(output):
+        found = recover_recording(recording, output)
+    if as_json:
+        _print_json(
+            {
+                "recording": str(output),
+                "lost": found.lost,
+                "messages": dict(found.messages),
+                "missing": dict(found.missing),
+                "bytes_discarded": found.bytes_discarded,
+                "losses": list(found.losses),
+                "last_ns": found.last_ns,
+            }
+        )
+    else:
+        typer.echo(f"kept {sum(found.messages.values())} messages in {output}")
+        for loss in found.losses:
+            typer.echo(f"lost: {loss}")
+    raise typer.Exit(3 if found.lost else 0)
+
+
+def _require_runnable(path: Path, rig: Rig) -> None:
+    if rig.verdict == "RECAPTURE":
+        raise RigRefusedError(
+            "this rig file failed its gates, and positions computed with it would be wrong",
+            where=path,
+            expected="verdict PASS or IMPORTED",
+            got=f"verdict {rig.verdict}",
+            do_next=f"see what to capture again: rigcal validate {path}",
+        )
+
+
+def _used(rig: Rig, views: str | None) -> tuple[bool, ...]:
+    """(V,) which cameras are wanted."""
+    if views is None:
+        return (True,) * len(rig.cameras)
+    wanted = [name.strip() for name in views.split(",") if name.strip()]
+    unknown = [name for name in wanted if name not in rig.camera_ids]
+    if unknown or not wanted:
+        raise RigRefusedError(
+            f"the rig has no camera {', '.join(unknown) or '(none given)'}",
+            where="--views",
+            expected=f"some of {','.join(rig.camera_ids)}",
+            got=repr(views),
+            do_next="name cameras as the rig file does, with commas between them",
+        )
+    return tuple(camera_id in wanted for camera_id in rig.camera_ids)
+
+
+def _detector(object_model: Path | None, pose_model: Path | None, *, needed: bool) -> Detector | None:
+    from recognition.detectors import load_detector
+
+    if not needed:
+        return None
+    if object_model is None:
+        raise SourceError(
+            "nothing finds workers in these frames",
+            where="recognition run",
+            expected="--object-model FILE and --pose-model FILE, or --detections FILE.npz",
+            got="no --object-model" + (" (a pose model needs the people's boxes)" if pose_model else ""),
+            do_next="give a box network that finds people, and a pose network",
+        )
+    return load_detector(object_model, pose_model)
+
+
+def _instants(
+    rig: Rig,
+    source: Path | None,
+    detections: Path | None,
+    detector: Detector | None,
+    use: Sequence[bool],
+    fps: float,
+) -> tuple[Iterator[Instant], int, dict[str, str]]:
+    """The instants of a run, how many there are, and what is to be told about them."""
+    from recognition.runtime import instants_of_both, instants_of_capture, instants_of_detections
+    from recognition.sources.capture import open_source
+    from recognition.sources.detections_file import read_detections
+
+    if source is None and detections is None:
+        raise SourceError(
+            "nothing to run on",
+            where="recognition run",
+            expected="--source CAPTURE, --detections FILE.npz, or both",
+            got="neither",
+            do_next="give at least one of them",
+        )
+    known = read_detections(detections, rig) if detections is not None else None
+    if source is None:
+        assert_known = known
+        if assert_known is None:
+            raise ValueError("no detections were read")
+        times = "frame_time_s" if assert_known.time_s is not None else f"frame numbers at {fps:g} fps"
+        facts = {"instants": times}
+        return instants_of_detections(assert_known, fps=fps, use=use), len(assert_known.frames), facts
+    capture = open_source(source, rig, use=use, fps=fps)
+    facts = {"instants": capture.rule, "spread_s": f"{capture.spread_s:.6f}"}
+    if known is not None:
+        return instants_of_both(capture, known, use=use), len(capture.t_ns), facts
+    if detector is None:
+        raise ValueError("a capture without detections needs a detector")
+    return instants_of_capture(capture, detector), len(capture.t_ns), facts
+
+
+def _write_poses(result: RunResult, rig: Rig, path: Path) -> None:
+    from recognition.poses import Poses, write_poses
+
+    with _writing(path):
+        write_poses(Poses.of(result.scenes, rig.world_from_rig), path)
+
+
+def _tell(
+    rig: Rig, result: RunResult, recorded: Recorded, facts: dict[str, str], poses: Path | None, as_json: bool
+) -> None:
+    if as_json:
+        _print_json(
+            {
+                "recording": str(recorded.path),
+                "poses": str(poses) if poses else None,
+                "verdict": rig.verdict,
+                "instants": len(result.scenes),
+                "rule": facts,
+                "people_detected": dict(result.detections),
+                "workers": {str(track): count for track, count in result.worker_instants.items()},
+                "objects": result.object_instants,
+                "messages": dict(recorded.messages),
+                "bytes": recorded.bytes,
+            }
+        )
+        return
+    typer.echo(f"{len(result.scenes)} instants ({', '.join(f'{k} {v}' for k, v in facts.items())}), rig {rig.verdict}")
+    typer.echo("people detected  " + ", ".join(f"{c} {n}" for c, n in result.detections.items()))
+    for track, count in result.worker_instants.items():
+        typer.echo(f"  worker {track}: seen in 3D at {count} instants")
+    for name, count in result.object_instants.items():
+        typer.echo(f"  {name}: seen in 3D at {count} instants")
+    typer.echo(f"recording {recorded.path} ({recorded.bytes / 1e6:.1f} MB, open it in Foxglove)")
+    if poses is not None:
+        typer.echo(f"poses     {poses}")
+
+
+@contextmanager
+def _progress(total: int, *, quiet: bool) -> Iterator[Callable[[int], None] | None]:
+    """A progress bar on standard error, on a terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    if quiet:
+        yield None
+        return
+    columns = (TextColumn("recognising"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Make the folder of an output, and turn a refusal of the file system into a message."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        raise OutputError(path, got=error.strerror or str(error)) from error
+
+
+def _print_json(value: dict[str, Any]) -> None:
+    typer.echo(json.dumps(value, ensure_ascii=False))
+
+
+def main() -> None:
+    """Entry point of the console script; a known error becomes its message and exit code 2."""
+    try:
+        app()
+    except (RigcalError, RecognitionError) as error:
+        typer.echo(f"error: {error}", err=True)
+        if "--json" in sys.argv:
+            fields = ("what", "where", "expected", "got", "do_next")
+            _print_json({"ok": False, "error": {name: getattr(error, name) for name in fields}})
+        raise SystemExit(2) from None

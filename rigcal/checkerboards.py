@@ -1,0 +1,186 @@
+"""Checkerboards in one image: several finders from cheap to thorough, and one judge for what any of them returns.
+
+The judge is the fit of :mod:`rigcal.crossings`. A finder's corners are kept where nearly all of them are crossings
+whose light and dark quadrants alternate over the grid, evenly spaced. That tells real boards from the grids that
+exhaustive finders make up (3 of the 28 stills of a real capture), and smaller boards inside a larger one: there, a
+row beyond the last one is made of crossings as well. Without it, 8x6 is found in 12 of 13 images of a 9x6 board.
+
+Order: right-handed as seen from the front, x along the columns. Where columns + rows is odd, the square between
+corners 0, 1, ``columns`` and ``columns + 1`` is dark, as on a board whose top left square is black; OpenCV's older
+finder gives this order in all, and its newer one the opposite, of 86 real images. Where it is even, the board looks the
+same turned by 180 degrees; then the first corner is the one of the two that lies more to the upper left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rigcal.board import Checkerboard
+from rigcal.crossings import Crossings, fit_crossings
+from rigcal.geometry import Bools, Floats, Ints
+
+Grey: TypeAlias = NDArray[np.uint8]
+
+REACH = 0.42
+"""Radius of the fitted window in squares; the neighbours' edges begin at 1, blur and a rough guess need the rest."""
+MOST_MISFIT = 0.6
+"""Corners of real boards stay below 0.3 with glare and 0.1 without; grids that are no boards reach 0.7-0.9."""
+SMALLEST_SQUARE_PX = 4.0
+FARTHEST_MOVE = 0.35
+"""Of a square: a corner that moved farther from the guess has found another crossing."""
+MOST_BEND = 0.3
+"""Change of the spacing from one square to the next, in squares; 0.15 at the steepest real view."""
+LEAST_GOOD = 0.9
+"""Share of the corners that must pass; a finger or a reflection may hide the others."""
+WORKING_PX = 1_000_000
+"""Finders search images of at most this many pixels, and the full image only where that finds nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundBoard:
+    """A board in one image."""
+
+    corner_ids: Ints
+    """(n,) indices into ``board.corners_in_board``, ascending."""
+    corners_px: Floats
+    """(n, 2) pixels."""
+    turned: bool = False
+    """Whether the finder gave the corners turned by 180 degrees, and they were put right by the squares' colour."""
+    problem: str | None = None
+    """Why these corners must not be used, or None."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Grid:
+    """Judged corners in the order of the board."""
+
+    corners_px: Floats
+    """(rows, columns, 2) pixels."""
+    contrast: Floats
+    """(rows, columns) as :class:`Crossings`, positive where the square below and right of the corner is light."""
+    good: Bools
+    """(rows, columns) whether the corner is a crossing."""
+    sign: float
+    """Sign of the contrast of corner (0, 0)."""
+
+
+def find_checkerboard(grey: Grey, board: Checkerboard, *, thorough: bool = True) -> FoundBoard | None:
+    """Corners of a checkerboard that is wholly in view, or None.
+
+    Args:
+        grey: (height, width) 8-bit image.
+        board: inner corners to look for.
+        thorough: try the slow finders too, where the quick ones find nothing.
+    """
+    refused = None
+    for raw in _proposals(grey, (board.columns, board.rows), thorough):
+        grid = _judge(grey, raw)
+        if grid is None:
+            continue
+        side = _goes_on(grey, grid)
+        if side is None:
+            return _in_order(grid, board)
+        refused = replace(_in_order(grid, board), problem=f"the checkerboard goes on {side} these corners")
+    return refused
+
+
+def _proposals(grey: Grey, size: tuple[int, int], thorough: bool) -> Iterator[Floats]:
+    """Grids (rows, columns, 2) in pixels that the finders propose, cheapest first."""
+    halvings = 0
+    while grey.size / 4**halvings > WORKING_PX:
+        halvings += 1
+    scale = 2.0**halvings
+    small = cv2.resize(grey, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA) if halvings else grey
+    for finder in _THOROUGH if thorough else _QUICK:
+        corners = finder(small, size)
+        if corners is not None:
+            yield (corners.reshape(size[1], size[0], 2).astype(np.float64) + 0.5) * scale - 0.5
+
+
+def _sectors(flags: int) -> Callable[[Grey, tuple[int, int]], NDArray[Any] | None]:
+    """OpenCV's newer finder. Its search trees are random, so that its generator is set before each call."""
+
+    def find(grey: Grey, size: tuple[int, int]) -> NDArray[Any] | None:
+        cv2.setRNGSeed(0)
+        found, corners = cv2.findChessboardCornersSB(grey, size, flags=flags)
+        return corners if found else None
+
+    return find
+
+
+def _quads(grey: Grey, size: tuple[int, int]) -> NDArray[Any] | None:
+    """OpenCV's older finder."""
+    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
+    found, corners = cv2.findChessboardCorners(grey, size, flags=flags)
+    return corners if found else None
+
+
+_QUICK = (_sectors(0), _quads)
+_THOROUGH = (
+    *_QUICK,
+    _sectors(cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY),
+)
+
+
+def _judge(grey: Grey, raw: Floats) -> _Grid | None:
+    """The fitted grid, right-handed, or None where it is no checkerboard."""
+    if _cell_areas(raw).mean() < 0:
+        raw = raw[:, ::-1]
+    along_x, along_y = np.gradient(raw, axis=1), np.gradient(raw, axis=0)
+    if not np.isfinite(raw).all() or _cross(along_x, along_y).min() < SMALLEST_SQUARE_PX**2:
+        return None
+    fit = _fit(grey, raw, along_x, along_y)
+    corners, contrast = fit.corners_px.reshape(raw.shape), fit.contrast.reshape(raw.shape[:2])
+    alternating = contrast * _checker(*contrast.shape)
+    sign = 1.0 if np.median(alternating) > 0 else -1.0
+    good = (alternating * sign > 0) & _is_crossing(fit, along_x, along_y).reshape(contrast.shape)
+    bends = np.concatenate([_bends(corners), _bends(corners.transpose(1, 0, 2))])
+    if good.mean() < LEAST_GOOD or np.quantile(bends, LEAST_GOOD) > MOST_BEND:
+        return None
+    return _Grid(corners, contrast, good, sign)
+
+
+def _fit(grey: Grey, corners: Floats, along_x: Floats, along_y: Floats) -> Crossings:
+    return fit_crossings(
+        grey, corners.reshape(-1, 2), along_x.reshape(-1, 2), along_y.reshape(-1, 2), reach=REACH
+    )
+
+
+def _is_crossing(fit: Crossings, along_x: Floats, along_y: Floats) -> Bools:
+    """(n,) whether each fitted corner is one, near where it was expected."""
+    square_px = np.minimum(np.linalg.norm(along_x, axis=-1), np.linalg.norm(along_y, axis=-1)).ravel()
+    return np.asarray((fit.misfit < MOST_MISFIT) & (fit.moved_px < FARTHEST_MOVE * square_px))
+
+
+def _goes_on(grey: Grey, grid: _Grid) -> bool:
+    """Whether a row or column of crossings follows beyond the grid: then this is a part of a larger checkerboard."""
+    p = grid.corners_px
+    for rows in (p, p[::-1], p.transpose(1, 0, 2), p.transpose(1, 0, 2)[::-1]):
+        beyond = 3 * rows[0] - 3 * rows[1] + rows[2]
+        outwards, sidewards = rows[0] - rows[1], np.gradient(rows[0], axis=0)
+        fit = _fit(grey, beyond, sidewards, outwards)
+    return False
+
+
+def _checker(rows: int, columns: int) -> Floats:
+    return np.asarray(1.0 - 2.0 * (np.indices((rows, columns)).sum(axis=0) % 2))
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def _cell_areas(grid: Floats) -> Floats:
+    return _cross(np.diff(grid, axis=1)[:-1], np.diff(grid, axis=0)[:, :-1])
+
+
+def _bends(grid: Floats) -> Floats:
+    """Second difference along the first axis over the spacing, flat."""
+    steps = np.diff(grid, axis=0)
+    return np.asarray((np.linalg.norm(np.diff(steps, axis=0), axis=-1) / np.linalg.norm(steps[:-1], axis=-1)).ravel())
