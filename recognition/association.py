@@ -40,7 +40,7 @@ class AssociationOptions:
 
     min_person_score: float = 0.2
     """People whose detected joints have a lower mean score are discarded. On the shared multi-person capture 0.2
-    keeps a far bystander in 95 of 100 frames (98 without a limit, 86 at 0.3, 45 at 0.35; OpenPose)."""
+    keeps a far bystander in 94 of 100 frames (97 without a limit, 82 at 0.3, 44 at 0.35; OpenPose)."""
     min_joint_score: float = 0.2
     """Joints with a lower score do not count as seen, here and in the triangulation. MoveNet gives a place to every
     joint, hidden or not."""
@@ -48,9 +48,10 @@ class AssociationOptions:
     """Objects with a lower score are discarded."""
     max_person_distance_rad: float = 0.08
     """0.08 rad is 134 px at a focal length of 1680 px: detectors err by whole limbs. The athlete of the shared
-    capture is placed by MoveNet in 83 of 100 frames at 0.03, 93 at 0.05, 98 at 0.08, 97 at 0.1; OpenPose gives 99
-    from 0.03 on. The price is wrong groups in crowds: of simulated workers with 5 px noise, missing joints and false
-    people, 0.968 of the joints of four are found within 15 cm at 0.03 and 0.956 at 0.08; of eight 0.947 and 0.922."""
+    capture is placed by MoveNet in 83 of 100 frames at 0.03, 93 at 0.05, 98 at 0.08, 97 at 0.1; by OpenPose
+    in 100 from 0.02 on. The price is wrong groups in crowds: of simulated workers with 5 px noise, missing joints
+    and false people, 0.968 of the joints of four are found within 15 cm at 0.03 and 0.958 at 0.08; of eight 0.949
+    and 0.931."""
     max_object_distance_rad: float = 0.015
     """A box has one point, so that wrong partners are near. Of 14 simulated objects with the same noise 0.951 are
     grouped rightly at 0.01, 0.960 at 0.015, 0.956 at 0.02 and 0.938 at 0.05."""

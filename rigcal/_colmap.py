@@ -25,31 +25,36 @@ class SecondOpinion:
 
     cameras: tuple[Camera, ...]
     cam_from_rig: tuple[Pose, ...]
-    free_lenses: bool
-    """Whether it moved the lenses too; False where COLMAP has no lens of that form."""
+    free_lenses: tuple[bool, ...]
+    """Per camera, whether it moved the lens too; False where COLMAP has no lens of that form."""
 
 
-def solve_with_colmap(observations: Observations, start: State, *, free_lenses: bool) -> SecondOpinion:
+def solve_with_colmap(observations: Observations, start: State, *, free_lenses: Sequence[bool]) -> SecondOpinion:
     """Minimise the same reprojection error with Ceres through pycolmap, from the same start.
 
     Board corners are constant points, each board position is a frame whose pose is the rig's in the board, and the
-    first camera is the reference sensor. COLMAP has no lens with five coefficients: such rigs are solved with their
-    lenses held, which still checks every pose.
+    first camera is the reference sensor. COLMAP has no lens with five coefficients: such lenses are held, which still
+    checks every pose.
 
     Args:
         observations: Corners that the first solver used.
         start: Where to begin; every board position needs a pose.
-        free_lenses: Whether the first solver moved the lenses.
+        free_lenses: Per camera, whether the first solver moved the lens.
     """
-    free = free_lenses and all(camera.model != "opencv5" for camera in start.cameras)
+    free = tuple(
+        wanted and camera.model != "opencv5" for wanted, camera in zip(free_lenses, start.cameras, strict=True)
+    )
     reconstruction = _reconstruction(observations, start)
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in reconstruction.images:
         config.add_image(image_id)
     for point_id in reconstruction.points3D:
         config.add_constant_point(point_id)
+    for index, moves in enumerate(free):
+        if not moves:
+            config.set_constant_cam_intrinsics(index + 1)
     options = pycolmap.BundleAdjustmentOptions()
-    options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = free
+    options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = True
     options.refine_rig_from_world = options.refine_sensor_from_rig = True
     options.print_summary = False
     options.ceres.auto_select_solver_type = (
@@ -69,8 +74,8 @@ def solve_with_colmap(observations: Observations, start: State, *, free_lenses: 
             raise ValueError(f"pycolmap lost the pose of sensor {camera_idx}")
         poses.append(Pose(found.matrix()[:, :3], found.matrix()[:, 3]))
     cameras = tuple(
-        from_colmap(reconstruction.camera(index + 1), camera.model) if free else camera
-        for index, camera in enumerate(start.cameras)
+        from_colmap(reconstruction.camera(index + 1), camera.model) if moves else camera
+        for index, (camera, moves) in enumerate(zip(start.cameras, free, strict=True))
     )
     return SecondOpinion(cameras, tuple(poses), free)
 

@@ -123,8 +123,8 @@ class Freedom:
     """(C,) cameras whose ``cam_from_rig`` is free; at least one is held, which fixes the frame."""
     prior_mean: tuple[Floats, ...] = ()
     """Per camera (P,): prior of each coefficient; empty: no priors."""
-    prior_sigma: tuple[Floats, ...] = ()
-    """Per camera (P,): one sigma of the prior; infinite where there is none."""
+    prior_information: tuple[Floats, ...] = ()
+    """Per camera (P, P): inverse of the prior's covariance; zero where there is no prior."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,11 +246,12 @@ class _System:
         self.slot = np.arange(len(obs)) - np.repeat(starts, sizes)
         self.deepest = int(sizes.max(initial=1))
         self.slices = [slice(*np.searchsorted(obs.camera_idx, [c, c + 1]).tolist()) for c in range(self.n_cameras)]
-        self.prior_weight = np.zeros((self.n_cameras, self.width))
+        self.prior_weight = np.zeros((self.n_cameras, self.width, self.width))
         self.prior_mean = np.zeros((self.n_cameras, self.width))
-        for c, (mean, sigma) in enumerate(zip(freedom.prior_mean, freedom.prior_sigma, strict=True)):
-            self.prior_mean[c, POSE : POSE + len(mean)] = mean
-            self.prior_weight[c, POSE : POSE + len(mean)] = (options.sigma_px / sigma) ** 2
+        for c, (mean, information) in enumerate(zip(freedom.prior_mean, freedom.prior_information, strict=True)):
+            lens = slice(POSE, POSE + len(mean))
+            self.prior_mean[c, lens] = mean
+            self.prior_weight[c, lens, lens] = options.sigma_px**2 * information
 
     def cost(self, state: State) -> float:
         residuals, seen = self._residuals(state)
@@ -286,13 +287,14 @@ class _System:
         return float(np.where(seen, squared, 1e6).sum()), seen.astype(np.float64)
 
     def _prior_cost(self, state: State) -> float:
-        return float((self.prior_weight * self._prior_gap(state) ** 2).sum())
+        gap = self._prior_gap(state)
+        return float(np.einsum("ci,cij,cj->", gap, self.prior_weight, gap))
 
     def _prior_gap(self, state: State) -> Floats:
         gap = np.zeros((self.n_cameras, self.width))
         for c, camera in enumerate(state.cameras):
             gap[c, POSE : POSE + len(camera.params)] = camera.params
-        return (self.prior_mean - gap) * (self.prior_weight > 0)
+        return self.prior_mean - gap
 
     def linearise(self, state: State) -> _Linear:
         points, turned_in_rig, turned_in_cam = self._points_in_cam(state)
@@ -331,9 +333,8 @@ class _System:
         np.add.at(Cb, self.view_board, normal[:, D:-1, D:-1])
         gb = np.zeros((boards, POSE))
         np.add.at(gb, self.view_board, normal[:, D:-1, -1])
-        diagonal = np.arange(D)
-        A[:, diagonal, diagonal] += self.prior_weight
-        gc += self.prior_weight * self._prior_gap(state)
+        A += self.prior_weight
+        gc += np.einsum("cij,cj->ci", self.prior_weight, self._prior_gap(state))
         return _Linear(cost, residuals, A, E, Cb, gc, gb)
 
     def _reduced(self, linear: _Linear, damping: float) -> tuple[Floats, Floats, Floats, Floats]:

@@ -13,7 +13,7 @@ same turned by 180 degrees; then the first corner is the one of the two that lie
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -35,7 +35,9 @@ SMALLEST_SQUARE_PX = 4.0
 FARTHEST_MOVE = 0.35
 """Of a square: a corner that moved farther from the guess has found another crossing."""
 MOST_BEND = 0.3
-"""Change of the spacing from one square to the next, in squares; 0.15 at the steepest real view."""
+"""Distance of a corner from the middle of its neighbours, in squares; 0.06 at the steepest real view."""
+MOST_BEYOND = 0.6
+"""Share of the places beyond a side where colours alternate: 0-0.29 for 90 whole boards, 0.75-1 for parts of them."""
 LEAST_GOOD = 0.9
 """Share of the corners that must pass; a finger or a reflection may hide the others."""
 WORKING_PX = 1_000_000
@@ -83,10 +85,10 @@ def find_checkerboard(grey: Grey, board: Checkerboard, *, thorough: bool = True)
         grid = _judge(grey, raw)
         if grid is None:
             continue
-        side = _goes_on(grey, grid)
-        if side is None:
-            return _in_order(grid, board)
-        refused = replace(_in_order(grid, board), problem=f"the checkerboard goes on {side} these corners")
+        found = _in_order(grid, board)
+        if not _goes_on(grey, grid):
+            return found
+        refused = replace(found, problem=f"a checkerboard larger than {board.columns}x{board.rows} inner corners")
     return refused
 
 
@@ -95,37 +97,38 @@ def _proposals(grey: Grey, size: tuple[int, int], thorough: bool) -> Iterator[Fl
     halvings = 0
     while grey.size / 4**halvings > WORKING_PX:
         halvings += 1
-    scale = 2.0**halvings
-    small = cv2.resize(grey, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA) if halvings else grey
-    for finder in _THOROUGH if thorough else _QUICK:
-        corners = finder(small, size)
+    small_scale = 2.0**halvings
+    small = cv2.resize(grey, None, fx=1 / small_scale, fy=1 / small_scale, interpolation=cv2.INTER_AREA)
+    searches = [(small, small_scale, _sectors), (grey, 1.0, _quads_if_likely)]
+    if thorough:
+        searches += [(small, small_scale, _quads), (small, small_scale, _sectors_exhaustive), (grey, 1.0, _quads)]
+        searches += [(grey, 1.0, _sectors)] if halvings else []
+    for image, scale, finder in searches:
+        corners = finder(image, size)
         if corners is not None:
             yield (corners.reshape(size[1], size[0], 2).astype(np.float64) + 0.5) * scale - 0.5
 
 
-def _sectors(flags: int) -> Callable[[Grey, tuple[int, int]], NDArray[Any] | None]:
-    """OpenCV's newer finder. Its search trees are random, so that its generator is set before each call."""
-
-    def find(grey: Grey, size: tuple[int, int]) -> NDArray[Any] | None:
-        cv2.setRNGSeed(0)
-        found, corners = cv2.findChessboardCornersSB(grey, size, flags=flags)
-        return corners if found else None
-
-    return find
-
-
-def _quads(grey: Grey, size: tuple[int, int]) -> NDArray[Any] | None:
-    """OpenCV's older finder."""
-    flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-    found, corners = cv2.findChessboardCorners(grey, size, flags=flags)
+def _sectors(grey: Grey, size: tuple[int, int], flags: int = 0) -> NDArray[Any] | None:
+    """OpenCV's newer finder. Its search trees are random, so their seed is set each time."""
+    cv2.setRNGSeed(0)
+    found, corners = cv2.findChessboardCornersSB(grey, size, flags=flags)
     return corners if found else None
 
 
-_QUICK = (_sectors(0), _quads)
-_THOROUGH = (
-    *_QUICK,
-    _sectors(cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY),
-)
+def _sectors_exhaustive(grey: Grey, size: tuple[int, int]) -> NDArray[Any] | None:
+    return _sectors(grey, size, cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE)
+
+
+def _quads(grey: Grey, size: tuple[int, int], flags: int = 0) -> NDArray[Any] | None:
+    """OpenCV's older finder."""
+    usual = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, corners = cv2.findChessboardCorners(grey, size, flags=usual | flags)
+    return corners if found else None
+
+
+def _quads_if_likely(grey: Grey, size: tuple[int, int]) -> NDArray[Any] | None:
+    return _quads(grey, size, cv2.CALIB_CB_FAST_CHECK)
 
 
 def _judge(grey: Grey, raw: Floats) -> _Grid | None:
@@ -140,8 +143,8 @@ def _judge(grey: Grey, raw: Floats) -> _Grid | None:
     alternating = contrast * _checker(*contrast.shape)
     sign = 1.0 if np.median(alternating) > 0 else -1.0
     good = (alternating * sign > 0) & _is_crossing(fit, along_x, along_y).reshape(contrast.shape)
-    bends = np.concatenate([_bends(corners), _bends(corners.transpose(1, 0, 2))])
-    if good.mean() < LEAST_GOOD or np.quantile(bends, LEAST_GOOD) > MOST_BEND:
+    good &= _off_lattice(corners) < MOST_BEND
+    if good.mean() < LEAST_GOOD:
         return None
     return _Grid(corners, contrast, good, sign)
 
@@ -159,13 +162,37 @@ def _is_crossing(fit: Crossings, along_x: Floats, along_y: Floats) -> Bools:
 
 
 def _goes_on(grey: Grey, grid: _Grid) -> bool:
-    """Whether a row or column of crossings follows beyond the grid: then this is a part of a larger checkerboard."""
-    p = grid.corners_px
+    """Whether dark and light alternate just beyond a side of the grid: then it is a part of a larger checkerboard.
+
+    The place to look is a quarter of a square beyond where the next corners would be. A margin is of one colour there,
+    and printed boards may end within their last square.
+    """
+    p, step = grid.corners_px, 2 * float(np.median(np.abs(grid.contrast)))
+    size_px = float(np.sqrt(np.abs(_cell_areas(p)).mean()))
+    smooth = cv2.blur(grey, (2 * round(0.1 * size_px) + 1,) * 2).astype(np.float32)
     for rows in (p, p[::-1], p.transpose(1, 0, 2), p.transpose(1, 0, 2)[::-1]):
-        beyond = 3 * rows[0] - 3 * rows[1] + rows[2]
-        outwards, sidewards = rows[0] - rows[1], np.gradient(rows[0], axis=0)
-        fit = _fit(grey, beyond, sidewards, outwards)
+        outwards, bend = rows[0] - rows[1], rows[0] - 2 * rows[1] + rows[2]
+        beyond = rows[0] + 1.25 * outwards + 1.25 * 2.25 / 2 * bend
+        between = ((beyond[:-1] + beyond[1:]) / 2).astype(np.float32)
+        seen = (between > 1).all(axis=1) & (between < np.array(grey.shape[::-1]) - 2).all(axis=1)
+        values = cv2.remap(smooth, between[None], None, cv2.INTER_LINEAR)[0]
+        jumps = (np.diff(values) * (1 - 2 * (np.arange(len(values) - 1) % 2)) / step)[seen[1:] & seen[:-1]]
+        if len(jumps) >= 2 and max((jumps > 0.4).mean(), (jumps < -0.4).mean()) > MOST_BEYOND:
+            return True
     return False
+
+
+def _in_order(grid: _Grid, board: Checkerboard) -> FoundBoard:
+    """The good corners in the order that the module describes."""
+    corners, good = grid.corners_px.reshape(-1, 2), grid.good.ravel()
+    if board.is_symmetric:
+        turned = bool(corners[-1].sum() < corners[0].sum())
+    else:
+        turned = grid.sign > 0
+    if turned:
+        corners, good = corners[::-1], good[::-1]
+    ids = np.flatnonzero(good)
+    return FoundBoard(ids, corners[ids], turned=turned and not board.is_symmetric)
 
 
 def _checker(rows: int, columns: int) -> Floats:
@@ -180,7 +207,13 @@ def _cell_areas(grid: Floats) -> Floats:
     return _cross(np.diff(grid, axis=1)[:-1], np.diff(grid, axis=0)[:, :-1])
 
 
-def _bends(grid: Floats) -> Floats:
-    """Second difference along the first axis over the spacing, flat."""
-    steps = np.diff(grid, axis=0)
-    return np.asarray((np.linalg.norm(np.diff(steps, axis=0), axis=-1) / np.linalg.norm(steps[:-1], axis=-1)).ravel())
+def _off_lattice(grid: Floats) -> Floats:
+    """(rows, columns) distance of each corner from where its neighbours in a line have it, in squares, at most."""
+    off = np.zeros(grid.shape[:2])
+    for line, result in ((grid, off), (grid.transpose(1, 0, 2), off.T)):
+        guess = np.concatenate(
+            [2 * line[1:2] - line[2:3], (line[:-2] + line[2:]) / 2, 2 * line[-2:-1] - line[-3:-2]]
+        )
+        square_px = np.linalg.norm(np.gradient(line, axis=0), axis=-1)
+        np.maximum(result, np.linalg.norm(line - guess, axis=-1) / square_px, out=result)
+    return off

@@ -54,8 +54,8 @@ class IntrinsicsResult:
     camera: Camera
     rmse_px: float
     """Over the corners that were used to calibrate the lens, in this capture or the one that it came from."""
-    sigma: Floats
-    """(P,) one sigma of each coefficient."""
+    covariance: Floats
+    """(P, P) of the coefficients; zeros where they were given, not estimated."""
     views: tuple[BoardView, ...]
     """Views that were used, with the corners that were kept."""
     cam_from_board: tuple[Pose, ...]
@@ -66,6 +66,11 @@ class IntrinsicsResult:
     """(N, 2) observed minus projected pixels of the used corners."""
     findings: tuple[Finding, ...]
     """Views and corners that were dropped, and why."""
+
+    @property
+    def sigma(self) -> Floats:
+        """(P,) one sigma of each coefficient."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
 def calibrate_camera(detections: BoardDetections, board: Board, options: IntrinsicsOptions) -> IntrinsicsResult:
@@ -106,7 +111,7 @@ def _result(
         camera_id,
         camera,
         lens_rmse_px,
-        np.sqrt(np.diag(solution.camera_covariance(0, range(POSE, POSE + len(camera.params))))),
+        solution.camera_covariance(0, range(POSE, POSE + len(camera.params))),
         tuple(_kept_view(observations, board_idx) for board_idx in used),
         tuple(solution.state.rig_from_board[board_idx] for board_idx in used),
         observations,
@@ -203,7 +208,7 @@ def lens_freedom(cameras: tuple[Camera, ...], *, poses_free: tuple[bool, ...]) -
     lie within 2.7 %), and no distortion term moves the image's corner by more than about 30 % (radial) or 1 %
     (tangential) of its distance from the centre. Views that determine a coefficient override its prior a hundredfold.
     """
-    means, sigmas = [], []
+    means, information = [], []
     for camera in cameras:
         width, height = camera.size_wh
         focal = float(camera.params[:2].mean())
@@ -219,9 +224,9 @@ def lens_freedom(cameras: tuple[Camera, ...], *, poses_free: tuple[bool, ...]) -
         for i, name in enumerate(camera.names[4:], start=4):
             sigma[i] = (0.01 if name.startswith("p") else 0.3) / reach ** power[name]
         means.append(mean)
-        sigmas.append(sigma)
+        information.append(np.diag(sigma**-2.0))
     free = tuple(np.ones(len(camera.params), dtype=bool) for camera in cameras)
-    return Freedom(free, np.array(poses_free), tuple(means), tuple(sigmas))
+    return Freedom(free, np.array(poses_free), tuple(means), tuple(information))
 
 
 def _enough(camera_id: str, views: int, dropped: int) -> None:

@@ -13,7 +13,7 @@ from importlib.metadata import version
 import numpy as np
 
 from rigcal import __version__
-from rigcal.board import board_to_dict
+from rigcal.board import Checkerboard, board_to_dict
 from rigcal.boardpose import board_poses
 from rigcal.bundle import rmse_px
 from rigcal.detections import BoardView, Finding, SiteDetections, join_findings
@@ -149,7 +149,7 @@ def calibrate_site(
     pairs = _pairs(detections, lenses, options.pairwise)
     chain = chain_to_reference(detections.camera_ids, pairs, needed_views=int(limits.chain_overlap_views))
     joint = refine_rig(board, lenses, frames, detections.instants, chain.cam_from_rig, options.refine)
-    quality = assess(joint)
+    quality = assess(joint, [lens.sigma for lens in lenses])
     rmse = tuple(_rmse(detections, lenses, chain, joint, quality, camera) for camera in range(len(lenses)))
     gates = judge(_figures(detections, chain, joint, rmse), quality, limits.model_dump())
     findings = tuple(
@@ -233,23 +233,28 @@ def _chained_rmse(
 
     Where a camera shares no view with the reference, the nearest camera to it on the chain that does places them.
     """
-    corners = detections.board.corners_in_board
+    corners, flippable = detections.board.corners_in_board, isinstance(detections.board, Checkerboard)
     mine = {view.frame_idx: view for view in lenses[camera].views}
     for placer in chain.paths[camera][:-1]:
         placed = dict(
             zip([view.frame_idx for view in lenses[placer].views], lenses[placer].cam_from_board, strict=True)
         )
         cam_from_placer = chain.cam_from_rig[camera] @ chain.cam_from_rig[placer].inverse()
-        gaps = [
-            lenses[camera].camera.project((cam_from_placer @ placed[int(row[placer])]).apply(corners[view.corner_ids]))
-            - view.corners_px
-            for row in detections.instants.frame_idx
-            if int(row[placer]) in placed and (view := mine.get(int(row[camera])))
-        ]
+        gaps = []
+        for row in detections.instants.frame_idx:
+            view = mine.get(int(row[camera]))
+            if view is not None and int(row[placer]) in placed:
+                pixels = lenses[camera].camera.project((cam_from_placer @ placed[int(row[placer])]).apply(corners))
+                orders = (view, turned_view(view, len(corners))) if flippable else (view,)
+                gaps.append(min((pixels[v.corner_ids] - v.corners_px for v in orders), key=_squared))
         if gaps:
             stacked = np.concatenate(gaps)
             return rmse_px(stacked[np.isfinite(stacked).all(axis=1)])
     return None
+
+
+def _squared(gap: Floats) -> float:
+    return float(np.nan_to_num(gap**2, nan=1e12).sum())
 
 
 def _rmse_of_all(detections: SiteDetections, joint: JointResult, camera: int) -> float:
@@ -373,6 +378,7 @@ def document_of(
                         "spread_s": float(detections.instants.spread_s.max(initial=0.0)),
                         "shared": _shared_instants(joint),
                     },
+                    "lenses_held": [ids[camera] for camera in joint.noisy],
                 }
             },
         }
@@ -388,10 +394,7 @@ def _camera_entry(calibration: SiteCalibration, site: Site | None, index: int) -
     detections, quality, joint = calibration.detections, calibration.quality, calibration.joint
     camera, lens, rmse = detections.cameras[index], joint.cameras[index], calibration.rmse[index]
     declared = site.camera(camera.camera_id) if site else None
-    focal_and_centre = joint.solution.camera_covariance(index, range(6, 10))
-    if not joint.freedom.params[index].any():  # held: the lens's own sigmas
-        focal_and_centre = np.diag(calibration.lenses[index].sigma[:4] ** 2)
-    fx, fy, cx, cy = np.sqrt(np.diag(focal_and_centre)).tolist()
+    fx, fy, cx, cy = quality.lens_sigma[index][:4].tolist()
     return {
         "id": camera.camera_id,
         "serial": declared.serial if declared else None,

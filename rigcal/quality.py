@@ -34,6 +34,8 @@ class JointQuality:
     be solved apart."""
     solver_agreement: float
     """Greatest difference of a pose from the second solver's, over its own sigma."""
+    lens_sigma: tuple[Floats, ...]
+    """Per camera (P,) one sigma of each coefficient."""
     focal_sigma_percent: tuple[float, ...]
     """Per camera one sigma of the focal length."""
     position_sigma_m: tuple[float, ...]
@@ -50,8 +52,8 @@ class JointQuality:
     """Per camera the root-mean-square angle of the boards' normals from their mean."""
 
 
-def assess(joint: JointResult) -> JointQuality:
-    """Measure a solved rig."""
+def assess(joint: JointResult, lens_sigmas: Sequence[Floats]) -> JointQuality:
+    """Measure a solved rig; ``lens_sigmas`` (P,) per camera are those of its lens alone, for lenses that were held."""
     solution = joint.solution
     count = len(joint.cameras)
     position, rotation = [], []
@@ -61,11 +63,16 @@ def assess(joint: JointResult) -> JointQuality:
         position.append(float(np.sqrt(np.trace(change @ covariance @ change.T))))
         rotation.append(float(np.rad2deg(np.sqrt(np.trace(covariance[:3, :3])))))
     centre = _scene_centre(joint)
+    sigmas = tuple(_lens_sigma(joint, camera, alone) for camera, alone in enumerate(lens_sigmas))
     return JointQuality(
         _held_out(joint),
         _split_half(joint),
         _solver_agreement(joint),
-        tuple(_focal_sigma_percent(solution, camera) for camera in range(count)),
+        sigmas,
+        tuple(
+            float(100 * (sigma[:2] / lens.params[:2]).max())
+            for sigma, lens in zip(sigmas, solution.state.cameras, strict=True)
+        ),
         tuple(position),
         tuple(rotation),
         centre,
@@ -85,9 +92,11 @@ def _cross(v: Floats) -> Floats:
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
 
-def _focal_sigma_percent(solution: Solution, camera: int) -> float:
-    sigmas = np.sqrt(np.diag(solution.camera_covariance(camera, (POSE, POSE + 1))))
-    return float(100 * (sigmas / solution.state.cameras[camera].params[:2]).max())
+def _lens_sigma(joint: JointResult, camera: int, alone: Floats) -> Floats:
+    if not joint.freedom.params[camera].any():
+        return alone
+    unknowns = range(POSE, POSE + len(joint.cameras[camera].params))
+    return np.asarray(np.sqrt(np.diag(joint.solution.camera_covariance(camera, unknowns))))
 
 
 def _held_out(joint: JointResult) -> tuple[float | None, ...]:
@@ -158,7 +167,7 @@ def _pose_gap(first: Sequence[Pose], second: Sequence[Pose]) -> Floats:
 
 def _solver_agreement(joint: JointResult) -> float:
     solution = joint.solution
-    free = any(params.any() for params in joint.freedom.params)
+    free = [bool(params.any()) for params in joint.freedom.params]
     held_cameras = State(solution.state.cameras, joint.start.cam_from_rig, joint.start.rig_from_board)
     opinion = solve_with_colmap(joint.observations, held_cameras, free_lenses=free)
     if len(joint.cameras) == 1:

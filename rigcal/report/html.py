@@ -1,4 +1,4 @@
-"""The calibration report as one HTML page: no script, nothing loaded from elsewhere, the same bytes for the same rig."""
+"""The calibration report as one HTML page: no script, nothing loaded from elsewhere, the same bytes for one rig."""
 
 from __future__ import annotations
 
@@ -44,6 +44,7 @@ def html_report(document: RigDocument, evidence: Evidence | None, *, title: str 
         actions=words.next_actions(document),
         points=words.open_points(document),
         facts=_facts(document),
+        has_rmse=any(value is not None for c in document.cameras for value in c.rmse_px.model_dump().values()),
         failed_cells={(gate.name, gate.camera) for gate in words.failed_gates(document)},
         failed=_by_name(words.failed_gates(document)),
         passed=_by_name(tuple(gate for gate in document.gates if gate.passed)),
@@ -116,16 +117,22 @@ def _facts(document: RigDocument) -> list[tuple[str, str, str]]:
 
 def _residuals(document: RigDocument, evidence: Evidence | None) -> list[tuple[str, ResidualFigure | None, str]]:
     """Per camera its figure, and what is wrong with it in words (empty: nothing)."""
+    if evidence is None:
+        return []
     found = []
-    for camera in document.cameras if evidence else ():
-        figure = residual_figure(camera, evidence) if evidence else None
-        stated, measured = camera.rmse_px.refined, figure.rmse_px if figure else None
-        differs = None not in (stated, measured) and not np.isclose(stated, measured, rtol=RMSE_TOLERANCE, atol=1e-6)
-        problem = (
-            f"These residuals have an RMSE of {numbers.fixed(measured, 3)} px, the rig file states "
-            f"{numbers.fixed(stated, 3)} px: they are of another calibration. Run rigcal calibrate again."
-            if differs
-            else ""
-        )
+    for camera in document.cameras:
+        figure = residual_figure(camera, evidence)
+        problem = _contradiction(camera.rmse_px.refined, figure.rmse_px) if figure else ""
         found.append((camera.id, figure, problem))
     return found
+
+
+def _contradiction(stated_px: float | None, measured_px: float | None) -> str:
+    if stated_px is None or measured_px is None:
+        return ""
+    if abs(stated_px - measured_px) <= RMSE_TOLERANCE * stated_px + 1e-6:
+        return ""
+    return (
+        f"these residuals have an RMSE of {numbers.fixed(measured_px, 3)} px, the rig file states "
+        f"{numbers.fixed(stated_px, 3)} px: they are of another calibration. Run rigcal calibrate again."
+    )

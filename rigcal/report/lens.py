@@ -41,7 +41,8 @@ def _parts(document: Mapping[str, Any]) -> Iterator[RenderableType]:
     for camera in cameras:
         yield Text(plain(camera["id"]))
         yield Padding(Text(_coefficients(camera)), (0, 0, 0, 2))
-    yield from findings_parts([(camera["id"], seen) for camera, seen in zip(cameras, views, strict=True)])
+    named = [(camera["id"], seen) for camera, seen in zip(cameras, views, strict=True)]
+    yield from findings_parts(named, "in the lens file, under cameras[].views.findings")
 
 
 def _coefficients(camera: Mapping[str, Any]) -> str:

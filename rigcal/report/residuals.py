@@ -1,8 +1,8 @@
 """Geometry of the residual figures: each camera's residuals on its image plane, and as a cloud of dx, dy.
 
-Only numbers and SVG path data come from here; ``figures.svg.j2`` draws them. A figure shows a bounded number of corners,
-so that the page of a rig with many cameras stays small; the rule that picks them is fixed, so that the same rig file
-gives the same page.
+Only numbers and SVG path data come from here; ``figures.svg.j2`` draws them. A figure shows a bounded number of
+corners, so that the page of a rig with many cameras stays small; the rule that picks them is fixed, so that the same
+rig file gives the same page.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ CLOUD_UNITS = 100.0
 """Half the width of the cloud in the figure's units."""
 REJECTED_LINE_UNITS = 2 * LONG_LINE_UNITS
 """Length at which a rejected corner's line is cut: a gross one would cross the whole figure."""
-PLANE_CROSS_UNITS, CLOUD_CROSS_UNITS = 5.0, 2.5
+PLANE_CROSS_UNITS, CLOUD_CROSS_UNITS = 6.0, 2.5
 """Half the width of a rejected corner's cross."""
 _GOLDEN = (5**0.5 - 1) / 2
 
@@ -84,7 +84,7 @@ class ResidualFigure:
 
 
 def residual_figure(camera: CameraEntry, evidence: Evidence) -> ResidualFigure | None:
-    """The residual figure of one camera; None where the evidence holds no corner of it."""
+    """The residual figure of one of the evidence's cameras; None where it holds no corner of that camera."""
     mine = evidence.camera_idx == evidence.camera_ids.index(camera.id)
     if not mine.any():
         return None
@@ -97,11 +97,9 @@ def residual_figure(camera: CameraEntry, evidence: Evidence) -> ResidualFigure |
     cloud_px = round_up(max(float(np.percentile(np.abs(judged).max(axis=1), 99.5)), 1e-9))
     kept, left = spread(np.flatnonzero(used), SHOWN_CORNERS), spread(np.flatnonzero(~used), SHOWN_REJECTED)
     sigma_px = float(np.sqrt((judged**2).mean()))
-
     at, steps = (pixels + 0.5) / unit_px, residuals * magnification / unit_px
     cloud = np.clip(residuals / cloud_px, -1, 1) * CLOUD_UNITS
     cut = REJECTED_LINE_UNITS / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), REJECTED_LINE_UNITS)
-
     return ResidualFigure(
         camera_id=camera.id,
         size_wh=camera.size_wh,

@@ -10,7 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from rigcal.report.numbers import fixed, scaled
+from rigcal.report.numbers import ABSENT, fixed, scaled
 from rigcal.report.words import (
     RMSE_MEANINGS,
     failed_gates,
@@ -27,6 +27,7 @@ from rigcal.rigdocument import CameraEntry, RigDocument, ViewsEntry
 
 FINDINGS_SHOWN = 3
 """Views named per camera; a bad capture has hundreds."""
+ALL_FINDINGS = "in the HTML report, and in the rig file under cameras[].views.findings"
 CHAIN_WIDTH = 27
 """Characters of the chain's column: what is left of 80 beside the other columns and a camera id of 8."""
 _STYLES = {"PASS": "bold green", "RECAPTURE": "bold red", "IMPORTED": "bold yellow"}
@@ -55,8 +56,8 @@ def _parts(document: RigDocument, file_name: str | None) -> Iterator[RenderableT
     if document.pairs:
         yield from _pairs(document)
     if sentence := instants_sentence(document):
-        yield Text(plain(sentence))
-    yield from findings_parts([(camera.id, camera.views) for camera in document.cameras])
+        yield Text(f"\n{plain(sentence)}")
+    yield from findings_parts([(camera.id, camera.views) for camera in document.cameras], ALL_FINDINGS)
     if any(camera.clock for camera in document.cameras):
         yield from _clocks(document)
     if failed_gates(document):
@@ -80,7 +81,8 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, left: Sequen
     """A table of text; columns that are not in ``left`` are aligned to the right."""
     grid = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), show_edge=False)
     for index, name in enumerate(columns):
-        grid.add_column(Text(name), justify="left" if index in left else "right", overflow="fold")
+        is_text = index in left
+        grid.add_column(Text(name), justify="left" if is_text else "right", overflow="fold", no_wrap=not is_text)
     for row in rows:
         grid.add_row(*(Text(cell) for cell in row))
     return grid
@@ -114,10 +116,7 @@ def _cameras(document: RigDocument) -> Iterator[RenderableType]:
     names = [name for name, _ in RMSE_MEANINGS]
     yield table(
         ["camera", *(name.replace("_", "-") for name in names)],
-        [
-            [plain(camera.id), *(fixed(getattr(camera.rmse_px, name)) for name in names)]
-            for camera in document.cameras
-        ],
+        [[plain(camera.id), *(fixed(getattr(camera.rmse_px, name)) for name in names)] for camera in document.cameras],
     )
     yield heading("Views (used/detected/frames), one sigma, chain")
     yield table(
@@ -131,7 +130,7 @@ def _camera_row(camera: CameraEntry) -> list[str]:
     views, sigma = camera.views, camera.sigma
     return [
         plain(camera.id),
-        f"{views.used}/{views.detected}/{views.frames}",
+        f"{views.used}/{views.detected}/{views.frames}" if views.frames else ABSENT,
         fixed(sigma.fx_px if sigma else None),
         fixed(sigma.fy_px if sigma else None),
         scaled(sigma.position_m if sigma else None, 1e3, 1),
@@ -156,8 +155,8 @@ def _pairs(document: RigDocument) -> Iterator[RenderableType]:
     yield table(["cameras", "views", "RMSE, px"], rows)
 
 
-def findings_parts(cameras: Sequence[tuple[str, ViewsEntry]]) -> Iterator[RenderableType]:
-    """Dropped and mended views by camera id: the first few by name, then how many more and where they are."""
+def findings_parts(cameras: Sequence[tuple[str, ViewsEntry]], where: str) -> Iterator[RenderableType]:
+    """Dropped and mended views by camera id: the first few, then how many more and ``where`` all of them are."""
     found = [(camera_id, views) for camera_id, views in cameras if views.findings]
     if not found:
         return
@@ -169,7 +168,7 @@ def findings_parts(cameras: Sequence[tuple[str, ViewsEntry]]) -> Iterator[Render
         if (more := len(views.findings) - FINDINGS_SHOWN) > 0:
             yield Padding(Text(f"and {more} more"), (0, 0, 0, 2))
     if any(len(views.findings) > FINDINGS_SHOWN for _, views in found):
-        yield Text("All of them are in the file that was written, under cameras[].views.findings, and in the HTML report.")
+        yield Text(f"All of them are {where}.")
 
 
 def _clocks(document: RigDocument) -> Iterator[RenderableType]:

@@ -9,6 +9,8 @@ from rigcal.rigdocument import GateEntry, RigDocument, ViewsEntry
 from rigcal.site import GateLimits
 
 _UNITS = (("_px", "px"), ("_percent", "%"), ("_m", "m"), ("_deg", "deg"))
+CLOCK_GATE = "clock_error_m"
+"""The one gate that needs no new views of the board."""
 _RULES_WITHOUT_TIMES = ("frame numbers", "none")
 
 RMSE_MEANINGS = (
@@ -97,16 +99,16 @@ def failed_gates(document: RigDocument) -> tuple[GateEntry, ...]:
 
 def verdict_sentence(document: RigDocument) -> str:
     """The verdict's meaning in one sentence."""
-    cameras, gates = counted(len(document.cameras), "camera"), len(document.gates)
+    cameras, gates = counted(len(document.cameras), "camera"), counted(len(document.gates), "gate")
     if failed := failed_gates(document):
-        named = list(dict.fromkeys(gate.camera or "the whole rig" for gate in failed))
-        return (
-            f"{cameras}, {len(failed)} of {counted(gates, 'gate')} failed ({', '.join(named)}); "
-            "do what is listed under next actions, then calibrate again."
-        )
+        named = ", ".join(dict.fromkeys(gate.camera or "the whole rig" for gate in failed))
+        again = "measure the clocks" if {gate.name for gate in failed} == {CLOCK_GATE} else "calibrate"
+        return f"{cameras}, {len(failed)} of {gates} failed ({named}); do the next actions below, then {again} again."
+    if document.verdict == "RECAPTURE":
+        return f"{cameras}; the file names no failed gate for its verdict; calibrate again."
     if document.verdict == "IMPORTED":
         return f"{cameras} calibrated by another tool; their accuracy was not measured here."
-    return f"{cameras}, all {counted(gates, 'gate')} passed; the rig can be used."
+    return f"{cameras}, all {gates} passed; the rig can be used."
 
 
 def next_actions(document: RigDocument) -> tuple[Action, ...]:

@@ -90,9 +90,11 @@ def test_held_unknowns_do_not_move_and_have_no_variance():
 
 def test_a_tight_prior_holds_what_it_is_about():
     _, observations, start, freedom = problem(noise_px=0.2)
-    sigma = tuple(np.where(np.arange(9) == 2, 1e-6, np.inf) for _ in start.cameras)
+    information = tuple(np.diag(np.where(np.arange(9) == 2, 1e12, 0.0)) for _ in start.cameras)
     mean = tuple(np.where(np.arange(9) == 2, 900.0, 0.0) for _ in start.cameras)
-    solution = solve(observations, start, replace(freedom, prior_mean=mean, prior_sigma=sigma), SolveOptions())
+    solution = solve(
+        observations, start, replace(freedom, prior_mean=mean, prior_information=information), SolveOptions()
+    )
     assert abs(solution.state.cameras[0].params[2] - 900.0) < 1e-3
 
 

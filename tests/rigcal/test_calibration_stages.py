@@ -301,3 +301,21 @@ def test_chained_error_compounds_and_refined_does_not():
         assert rmse.refined < rmse.chained
     assert result.rmse[0].pairwise is None
     assert result.rmse[0].chained is None
+
+
+def test_lenses_are_held_where_shared_views_contradict_each_other():
+    """Boards that moved between the exposures of two cameras: the lens stays where its own views put it."""
+    rig, detections = capture(2, shared=14)
+    rng = np.random.default_rng(0)
+    moved = tuple(
+        replace(view, corners_px=view.corners_px + (rng.normal(0, 3, 2) if view.frame_idx < 14 else 0))
+        for view in detections.cameras[1].views
+    )
+    late = replace(detections, cameras=(detections.cameras[0], replace(detections.cameras[1], views=moved)))
+    options = CalibrateOptions()
+    lenses = calibrate_lenses(late, None, options)
+    result = calibrate_site(late, GateLimits(), lenses, options)
+    assert result.joint.noisy == (0, 1)
+    assert np.array_equal(result.joint.cameras[1].params, lenses[1].camera.params)
+    clean = calibrate_site(detections, GateLimits(), calibrate_lenses(detections, None, options), options)
+    assert clean.joint.noisy == ()

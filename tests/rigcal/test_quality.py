@@ -67,9 +67,9 @@ def test_the_second_solver_agrees_from_another_start(model):
         start, cam_from_rig=(start.cam_from_rig[0], start.cam_from_rig[1].perturbed([0.01] * 3, [0.02] * 3))
     )
     opinion = solve_with_colmap(
-        result.joint.observations, replace(moved, cameras=result.joint.cameras), free_lenses=True
+        result.joint.observations, replace(moved, cameras=result.joint.cameras), free_lenses=[True, True]
     )
-    assert opinion.free_lenses is (model != "opencv5")
+    assert opinion.free_lenses == (model != "opencv5",) * 2
     gap = opinion.cam_from_rig[1] @ result.joint.cam_from_rig[1].inverse()
     assert np.linalg.norm(gap.translation_m) < 0.5 * result.quality.position_sigma_m[1]
 
@@ -82,6 +82,7 @@ GOOD = JointQuality(
     held_out_px=(0.26, 0.26),
     split_half=1.0,
     solver_agreement=0.01,
+    lens_sigma=(np.ones(9), np.ones(9)),
     focal_sigma_percent=(0.1, 0.1),
     position_sigma_m=(0.0, 0.004),
     rotation_sigma_deg=(0.0, 0.1),

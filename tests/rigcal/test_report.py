@@ -1,10 +1,10 @@
 """Claims about the calibration report: what it says, that it says all of it, and that it is one harmless page."""
 
-import copy
 import math
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ from rigcal.report.numbers import beside_limit, fixed, round_down, round_up, sig
 from rigcal.report.plan import horizontal_fov_deg, plan_of
 from rigcal.report.residuals import SHOWN_CORNERS, residual_figure, spread
 from rigcal.report.words import gate_meaning, next_actions
-from rigcal.rig import Rig, RigCamera
+from rigcal.rig import RigCamera
 from rigcal.rigdocument import PoseEntry, RigDocument
 from rigcal.rigfile import document_of_rig
 from rigcal.site import GateLimits
@@ -76,7 +76,7 @@ def content(count=4, *, rename=lambda camera_id: camera_id):
         "cameras": [camera_entry(camera, index, ids) for index, camera in enumerate(cameras)],
         "pairs": [
             {"cameras": [one, two], "views": 70 + i, "rmse_px": 0.71 + i / 50}
-            for i, (one, two) in enumerate(zip(ids, ids[1:], strict=False))
+            for i, (one, two) in enumerate(pairwise(ids))
         ],
         "covariance": {"order": free, "matrix": (np.eye(3 * len(free)) * 1e-6).tolist()} if free else None,
         "world_from_rig": PoseEntry.of(rig.world_from_rig).model_dump(),
@@ -86,7 +86,8 @@ def content(count=4, *, rename=lambda camera_id: camera_id):
         "verdict": "PASS",
         "history": [{"command": "calibrate", "utc": UTC, "parent_digest": None}],
         "provenance": {
-            "rigcal": "0.1.0", "inputs_sha256": "ab" * 32, "options": {"model": "opencv5"}, "packages": {"numpy": "2.2"},
+            "rigcal": "0.1.0", "inputs_sha256": "ab" * 32, "options": {"model": "opencv5"},
+            "packages": {"numpy": "2.2"},
         },
         "extensions": {"rigcal": {"instants": {"rule": "timestamps.csv", "spread_s": 0.0131, "shared": 36}}},
         "geometry_digest": "sha256:" + "cd" * 32,
@@ -118,3 +119,547 @@ def evidence_for(rig: RigDocument, corners=300, rejected=0) -> Evidence:
         residuals.reshape(-1, 2),
         rng.normal([0, 1, 5], 0.7, (24, 3)),
     )
+
+
+def failing(count=4) -> RigDocument:
+    """Two cameras fail one gate with the same advice, the rig fails another that was not measured."""
+    data = content(count) | {"verdict": "RECAPTURE"}
+    advice = "show the board to cam2 and cam3 together, nearer and tilted"
+    data["gates"] += [
+        gate("position_sigma_m", "cam2", 0.0312, 0.02, False, advice),
+        gate("position_sigma_m", "cam3", 0.0467, 0.02, False, advice),
+        gate("split_half", None, None, 5.0, False, "too few views to measure this: add shared views"),
+        gate("intrinsic_rmse_px", "cam1", 0.5004, 0.5, False, "show cam1 a sharp, still board again"),
+    ]
+    data["cameras"][1]["views"]["findings"] = [
+        {"frame": f"{i:06d}", "action": "dropped" if i else "unflipped", "reason": f"residual {4 + i / 10:.1f} px"}
+        for i in range(9)
+    ]
+    data["cameras"][1]["clock"] = {
+        "offset_s": 0.00217, "drift_ppm": 1.31, "at_utc": UTC, "bound_s": 0.000123, "drift_bound_ppm": 0.43,
+        "method": "probe",
+    }  # fmt: skip
+    return RigDocument.model_validate(data)
+
+
+def terminal(rig: RigDocument, *, width=80, **settings) -> str:
+    """The text report as a console prints it."""
+    return printed(text_report(rig, file_name="hall-3.rig.json"), width=width, **settings)
+
+
+def printed(what, **settings) -> str:
+    console = Console(**settings)
+    with console.capture() as capture:
+        console.print(what)
+    return capture.get()
+
+
+class Page(HTMLParser):
+    """A page's visible text, and whether its tags are balanced."""
+
+    VOID = ("meta", "br", "hr", "img", "input", "link", "wbr")
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.open, self.parts, self.tags, self.folded = [], [], [], []
+        self.feed(html)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            (self.folded if "details" in self.open else self.parts).append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.parts + self.folded).split())
+
+    @property
+    def unfolded(self):
+        return " ".join(" ".join(self.parts).split())
+
+
+def shared_figures(rig: RigDocument) -> list[str]:
+    """Every figure that both reports show, as it is written there."""
+    figures = []
+    for camera in rig.cameras:
+        figures += [fixed(value) for value in camera.rmse_px.model_dump().values() if value is not None]
+        figures += [fixed(camera.sigma.fx_px), fixed(camera.sigma.fy_px), fixed(camera.sigma.position_m * 1e3, 1)]
+        figures += [str(camera.views.frames), str(camera.views.detected), str(camera.views.used)]
+        if camera.clock:
+            figures += ["2.170", "0.123", "1.31", "0.43", "probe", UTC]
+    figures += [part for pair in rig.pairs for part in (str(pair.views), fixed(pair.rmse_px))]
+    figures += [part for g in rig.gates if not g.passed for part in (g.name, beside_limit(g.value, g.limit)) if g.value]
+    return [*figures, "13.1 ms", "36", rig.site, rig.digest[7:19], rig.geometry_digest[7:19], "checkerboard:9x6:60mm"]
+
+
+@pytest.mark.parametrize("rig", [document(), failing()], ids=["passed", "failing"])
+def test_every_figure_of_the_rig_file_is_in_the_terminal_report(rig):
+    words = terminal(rig)
+    assert [figure for figure in shared_figures(rig) if figure not in words] == []
+
+
+@pytest.mark.parametrize("rig", [document(), failing()], ids=["passed", "failing"])
+def test_every_figure_of_the_rig_file_is_on_the_page(rig):
+    text = Page(html_report(rig, evidence_for(rig))).text
+    figures = shared_figures(rig)
+    for camera in rig.cameras:
+        named = camera.coefficients.items()
+        figures += [f"{name} {value:.6f}" for name, value in named if name not in ("fx", "fy", "cx", "cy")]
+        figures += [
+            with_sigma(camera.coefficients[k], getattr(camera.sigma, f"{k}_px")) for k in ("fx", "fy", "cx", "cy")
+        ]
+        figures += [", ".join(f"{v:.7f}" for v in camera.cam_from_rig.quat_wxyz), fixed(camera.sigma.rotation_deg, 3)]
+        figures += [", ".join(f"{v:.6f}" for v in camera.cam_from_rig.translation_m), camera.serial]
+        figures += [f.frame + " " + f.action + " " + f.reason for f in camera.views.findings]
+    figures += [beside_limit(g.value, g.limit) for g in rig.gates if g.value]
+    figures += [g.advice for g in rig.gates if g.advice]
+    figures += [rig.digest, rig.geometry_digest, "ab" * 32, "numpy 2.2", '"model": "opencv5"', "rigcal 0.1.0"]
+    figures += [", ".join(f"{v:.7f}" for v in rig.world_from_rig.quat_wxyz)]
+    assert [figure for figure in figures if figure not in text] == []
+
+
+def test_the_first_line_is_the_verdict_and_what_it_means():
+    assert terminal(document()).splitlines()[0] == "PASS hall-3: 4 cameras, all 5 gates passed; the rig can be used."
+    first = " ".join(terminal(failing()).split("\n\n")[0].split())
+    assert first.startswith(
+        "RECAPTURE hall-3: 4 cameras, 4 of 9 gates failed (cam2, cam3, the whole rig, cam1); "
+        "do the next actions below, then calibrate again. hall-3.rig.json; "
+    )
+
+
+def test_failed_clocks_ask_for_clocks_and_not_for_boards():
+    late = gate("clock_error_m", "cam1", 0.05, 0.02, False, "probe cam1 again")
+    assert "then measure the clocks again." in " ".join(terminal(document(gates=[late], verdict="RECAPTURE")).split())
+
+
+def test_a_recapture_without_a_failed_gate_is_not_called_usable():
+    first = terminal(document(verdict="RECAPTURE")).splitlines()[0]
+    assert first.startswith("RECAPTURE hall-3: 4 cameras; the file names no failed gate")
+
+
+def test_next_actions_are_numbered_and_each_is_named_once():
+    rig = failing()
+    assert [len(action.gates) for action in next_actions(rig)] == [2, 1, 1]
+    words = " ".join(terminal(rig).split())
+    assert (
+        "Next actions 1. show the board to cam2 and cam3 together, nearer and tilted (position_sigma_m of cam2, cam3) "
+        "2. too few views to measure this: add shared views (split_half of the rig) 3. show cam1" in words
+    )
+    page = Page(html_report(rig, None)).unfolded
+    assert page.count("show the board to cam2 and cam3 together, nearer and tilted") == 1
+    assert "cam3: position_sigma_m 0.0467 m, at most 0.02 m" in page
+    assert page.index("RECAPTURE") < page.index("Next actions") < page.index("Reprojection errors")
+
+
+def test_a_rig_that_passed_has_no_next_actions():
+    assert "Next actions" not in terminal(document()) + html_report(document(), None)
+
+
+def test_a_failed_gate_without_advice_still_has_an_action():
+    rig = document(gates=[gate("refined_rmse_px", "cam1", 3.0, 1.0, False)], verdict="RECAPTURE")
+    assert next_actions(rig)[0].advice == "see the gate refined_rmse_px; the file holds no advice for it"
+
+
+def test_failed_gates_stand_open_and_passed_ones_are_folded():
+    page = Page(html_report(failing(), None))
+    assert "position_sigma_m cam2 0.0312 m at most 0.02 m ✗ fail one sigma of a camera's position" in page.unfolded
+    assert "5 passed gates" in " ".join(page.folded)
+    assert "intrinsic_rmse_px cam0 0.123 px at most 0.5 px pass RMSE of each camera" in page.text
+    assert "intrinsic_rmse_px cam0" not in page.unfolded
+
+
+def test_an_rmse_whose_gate_failed_is_marked_with_more_than_colour():
+    data = content() | {"gates": [gate("intrinsic_rmse_px", "cam1", 0.61, 0.5, False, "again")], "verdict": "RECAPTURE"}
+    data["cameras"][1]["rmse_px"]["intrinsic"] = 0.61
+    assert "cam1 ✗ 0.61 0.63" in Page(html_report(RigDocument.model_validate(data), None)).text
+
+
+def test_a_value_just_beyond_its_limit_never_reads_as_the_limit():
+    assert beside_limit(0.5004, 0.5) == "0.5004"
+    assert "cam1: intrinsic_rmse_px 0.5004 px, at most 0.5 px" in Page(html_report(failing(), None)).text
+
+
+def test_every_gate_says_what_it_measures_and_which_way_its_limit_points():
+    for name in GateLimits.model_fields:
+        meaning = gate_meaning(name)
+        assert meaning.what
+        assert meaning.bound in ("at most", "at least"), name
+    assert gate_meaning("a_gate_of_the_future") == gate_meaning("") == type(meaning)("", "", "")
+
+
+def test_findings_name_the_first_few_then_how_many_and_where_all_are():
+    words = " ".join(terminal(failing()).split())
+    assert "cam1: 1 unflipped, 8 dropped 000000 unflipped: residual 4.0 px" in words
+    assert "000002 dropped: residual 4.2 px and 6 more All of them are in the HTML report, and in the rig file" in words
+    assert "000003" not in words
+
+
+@pytest.mark.parametrize(
+    ("instants", "sentence"),
+    [
+        (
+            {"rule": "frame numbers", "spread_s": 0.0, "shared": 8},
+            "Instants were found by frame numbers; 8 of them seen",
+        ),
+        ({"rule": "frame numbers", "spread_s": 0.0}, "no times were known, so their spread is not either."),
+        ({"rule": "file times", "spread_s": 0.0}, "Instants were found by file times; times within one differ by 0 ms"),
+        ({"rule": "none", "spread_s": 0.0, "shared": 0}, "Views had no common instants; 0 of them"),
+    ],
+)
+def test_the_rule_of_the_instants_is_said_with_what_it_knows_of_times(instants, sentence):
+    rig = document(extensions={"rigcal": {"instants": instants}})
+    assert sentence in " ".join(terminal(rig).split())
+    assert sentence in Page(html_report(rig, None)).text
+
+
+@pytest.mark.parametrize("extensions", [{}, {"rigcal": 3}, {"rigcal": {"instants": "?"}}, {"rigcal": {"instants": {}}}])
+def test_extensions_of_another_form_are_passed_over(extensions):
+    assert "Instants" not in terminal(document(extensions=extensions))
+
+
+def test_missing_residuals_are_said():
+    text = Page(html_report(document(), None)).text
+    assert "There are no residuals beside this file, so the corners cannot be drawn." in text
+    assert "Board positions are not drawn: there are no residuals beside this file." in text
+    assert "no residuals beside this file" not in Page(html_report(document(), evidence_for(document()))).text
+
+
+def test_a_camera_without_corners_in_the_residuals_is_said():
+    rig = document(2)
+    whole = evidence_for(rig)
+    first = whole.camera_idx == 0
+    names = ("camera_idx", "frame_idx", "corner_ids", "used", "pixels", "residuals_px")
+    part = replace(whole, **{name: getattr(whole, name)[first] for name in names})
+    assert "No corner of cam1 is in the residuals." in Page(html_report(rig, part)).text
+
+
+def test_residuals_of_other_cameras_are_refused():
+    with pytest.raises(EvidenceError) as caught:
+        html_report(document(2), evidence_for(document(3)))
+    assert str(caught.value) == (
+        "the residuals beside the rig file belong to another rig\n"
+        "  where:    the .residuals.npz of the same name\n"
+        "  expected: residuals of cam0, cam1\n"
+        "  got:      residuals of cam0, cam1, cam2\n"
+        "  do next:  move that file away, or calibrate again with rigcal calibrate, which writes both"
+    )
+
+
+def test_residuals_of_another_calibration_are_called_so():
+    rig = document(2)
+    own = evidence_for(rig)
+    other = replace(own, residuals_px=own.residuals_px * 1.2)
+    claim = "cam0: these residuals have an RMSE of 0.360 px, the rig file states 0.300 px"
+    assert claim in Page(html_report(rig, other)).text
+    assert "these residuals have" not in Page(html_report(rig, own)).text
+
+
+def test_the_page_loads_nothing_and_runs_nothing():
+    html = html_report(failing(), evidence_for(failing()))
+    assert re.search(r"https?:|//|@import|url\(|<script|<link|<iframe|<img", html) is None
+    attributes = {name for _, attrs in Page(html).tags for name in attrs}
+    assert attributes.isdisjoint({"src", "srcset", "data", "action", "onclick", "onload"})
+    assert all(attrs["href"].startswith("#") for _, attrs in Page(html).tags if "href" in attrs)
+
+
+def test_every_link_within_the_page_has_its_target():
+    tags = Page(html_report(document(), None)).tags
+    ids = {attrs["id"] for _, attrs in tags if "id" in attrs}
+    assert {attrs["href"][1:] for _, attrs in tags if "href" in attrs} <= ids
+
+
+@pytest.mark.parametrize("evil", ["<b>", "</style><script>", "\"'&amp;", "{{ 7 * 7 }}", "Südtor 北"])
+def test_names_from_the_file_cannot_break_the_page(evil):
+    data = content(3, rename=lambda camera_id: evil + camera_id) | {"site": evil}
+    data["gates"] += [gate(evil, evil, 2.0, 1.0, False, evil)]
+    data["cameras"][0]["views"]["findings"] = [{"frame": evil, "action": "dropped", "reason": evil}]
+    data |= {"verdict": "RECAPTURE", "extensions": {evil: 1}}
+    data["provenance"] |= {"options": {evil: evil}, "packages": {evil: evil}}
+    rig = RigDocument.model_validate(data)
+    page = Page(html_report(rig, evidence_for(rig)))
+    assert {tag for tag, _ in page.tags}.isdisjoint({"b", "script"})
+    assert sum(tag == "style" for tag, _ in page.tags) == 1
+    assert page.text.count(evil) > 20
+
+
+def test_names_from_the_file_cannot_command_the_terminal():
+    data = content(2, rename=lambda camera_id: "[bold]\x1b[31m" + camera_id) | {"site": "[/red]\a"}
+    words = terminal(RigDocument.model_validate(data), force_terminal=True, color_system=None)
+    assert "[bold]\N{REPLACEMENT CHARACTER}[31mcam1" in words
+    assert "\x1b[31m" not in words
+    assert "\a" not in words
+
+
+@pytest.mark.parametrize("rig", [document(), failing(), document(20)], ids=["passed", "failing", "20 cameras"])
+def test_the_terminal_report_fits_80_columns_and_is_plain_where_colour_is_unwanted(rig, monkeypatch):
+    assert max(len(line.rstrip()) for line in terminal(rig).splitlines()) <= 80
+    assert "…" not in terminal(rig)
+    assert "\x1b" not in terminal(rig)
+    monkeypatch.setenv("NO_COLOR", "1")
+    in_colour_unwanted = terminal(rig, force_terminal=True)
+    assert re.sub(r"\x1b\[[012]?m", "", in_colour_unwanted) == terminal(rig)
+
+
+@pytest.mark.parametrize("width", [80, 64])
+def test_long_names_fold_and_figures_stay_whole(width):
+    rig = RigDocument.model_validate(content(3, rename=lambda camera_id: "north-entrance-loading-bay-" + camera_id))
+    words = terminal(rig, width=width)
+    assert max(len(line.rstrip()) for line in words.splitlines()) <= width
+    assert [figure for figure in shared_figures(rig) if figure not in words] == []
+
+
+def test_chains_break_only_between_cameras():
+    lines = [line.split()[-1] for line in terminal(document(20)).splitlines() if ">" in line]
+    assert all(re.fullmatch(r"(cam\d+>)*(cam\d+>?)", line) for line in lines if line.startswith("cam"))
+
+
+def test_the_same_rig_gives_the_same_bytes():
+    rig = failing()
+    assert html_report(rig, evidence_for(rig)) == html_report(rig, evidence_for(rig))
+    assert terminal(rig) == terminal(rig)
+
+
+@pytest.mark.parametrize("count", [1, 2, 20])
+def test_any_number_of_cameras_is_reported(count):
+    rig = document(count)
+    page = Page(html_report(rig, evidence_for(rig, corners=40)))
+    assert [camera.id for camera in rig.cameras if camera.id not in page.text] == []
+    assert sum(tag == "figure" for tag, _ in page.tags) == count + 1
+    assert f"{count} camera" in terminal(rig)
+
+
+def test_four_cameras_with_6000_corners_make_less_than_one_and_a_half_megabytes():
+    """Measured: 0.32 MB."""
+    rig = document(4)
+    assert len(html_report(rig, evidence_for(rig, corners=6000, rejected=700)).encode()) < 0.5e6
+
+
+def test_an_imported_rig_reads_well_without_figures():
+    rig = document_of_rig(arc_rig(3), created_utc=UTC, inputs_sha256="ab" * 32)
+    words, page = terminal(rig), Page(html_report(rig, None)).text
+    assert " ".join(words.split()).startswith(
+        "IMPORTED simulated: 3 cameras calibrated by another tool; their accuracy was not measured here."
+    )
+    assert re.search(r"^cam1 +-( +-){5}$", words, re.MULTILINE)
+    assert re.search(r"^cam1 +-( +-){3} +cam0>cam1", words, re.MULTILINE)
+    assert "No gate was measured" in page
+    assert "An imported rig has none." in page
+    assert "cam1 - - - - - - cam0 > cam1" in page
+    assert "None" not in words + page
+
+
+def test_what_is_not_known_yet_is_said_with_the_command_that_measures_it():
+    words = " ".join(terminal(document(world_from_rig=None)).split())
+    assert "The floor and the vertical are not known: rigcal world" in words
+    assert "No clock was measured for cam0, cam2, cam3: rigcal sync probe" in Page(html_report(failing(), None)).text
+
+
+def test_title_replaces_the_heading():
+    assert "<h1>Night shift</h1>" in html_report(document(), None, title="Night shift")
+
+
+def test_residual_lines_start_at_their_corner_and_are_magnified_as_stated():
+    rig = document(1)
+    pixels, residuals = np.array([[959.5, 539.5], [0.0, 0.0]]), np.array([[0.3, -0.4], [0.3, -0.4]])
+    figure = residual_figure(rig.cameras[0], two_corners(rig, pixels, residuals, used=[True, True]))
+    assert figure.magnification == 100  # 0.5 px, at most 45 of 1000 units, of 1920 px: 173 times
+    step = f"{0.3 * 100 / 1.92:.1f} -{0.4 * 100 / 1.92:.1f}"
+    assert figure.used_marks.lines == f"M500 281.2l{step}M0.3 0.3l{step}".replace("281.2", figure_y(540))
+    assert figure.key_units == pytest.approx(figure.key_px * 100 / 1.92)
+    assert figure.rmse_px == pytest.approx(0.5)
+    assert figure.sigma_px == pytest.approx(math.sqrt(0.125))
+    assert figure.mean_px == pytest.approx((0.3, -0.4))
+
+
+def figure_y(pixel):
+    return f"{pixel / 1.92:.1f}"
+
+
+def two_corners(rig, pixels, residuals, *, used):
+    zeros = np.zeros(2, dtype=int)
+    return Evidence(rig.camera_ids, (("0",),), zeros, zeros, np.arange(2), used, pixels, residuals, np.zeros((0, 3)))
+
+
+def test_rejected_corners_are_crosses_outside_the_figures_of_the_used_ones():
+    rig = document(1)
+    residuals = np.array([[0.3, -0.4], [300.0, 400.0]])
+    figure = residual_figure(rig.cameras[0], two_corners(rig, np.full((2, 2), 959.5), residuals, used=[True, False]))
+    assert (figure.used, figure.rejected, figure.beyond) == (1, 1, 1)
+    assert figure.rmse_px == pytest.approx(0.5)
+    assert figure.rejected_marks.corners == "M500 500m-6-6l12 12m0-12l-12 12"
+    assert figure.rejected_marks.lines == "M500 500l54 72"  # cut to 90 units
+    assert figure.rejected_marks.cloud == "M100 100m-2.5-2.5l5 5m0-5l-5 5"  # on the frame
+
+
+def test_a_camera_whose_corners_were_all_rejected_is_still_drawn():
+    rig = document(1)
+    residuals = np.array([[3.0, 4.0], [3.0, -4.0]])
+    evidence = two_corners(rig, np.full((2, 2), 99.5), residuals, used=[False, False])
+    figure = residual_figure(rig.cameras[0], evidence)
+    assert (figure.used, figure.rejected, figure.rmse_px) == (0, 2, None)
+    assert "0 corners used, 2 rejected" in Page(html_report(rig, evidence)).text
+
+
+def test_exact_residuals_can_be_drawn():
+    rig = document(1)
+    figure = residual_figure(rig.cameras[0], two_corners(rig, np.full((2, 2), 99.5), np.zeros((2, 2)), used=[True] * 2))
+    assert figure.rmse_px == 0
+    assert np.isfinite([figure.magnification, figure.cloud_px, figure.sigma_units]).all()
+
+
+def test_a_subsample_is_said_and_favours_no_corner_of_the_board():
+    rows = spread(np.arange(6000), SHOWN_CORNERS)
+    assert len(np.unique(rows)) == SHOWN_CORNERS
+    per_corner = np.bincount(rows % 40, minlength=40)
+    assert per_corner.min() >= 35  # 37.5 each; every fourth row would take 150 of ten corners and none of thirty
+    rig = document(1)
+    text = Page(html_report(rig, evidence_for(rig, corners=6000))).text
+    assert "6000 corners used, 0 rejected (1500 and 0 drawn, spread evenly over all of them)" in text
+
+
+def test_cameras_stand_in_the_plan_where_they_stand_in_the_world():
+    rig = document(6)
+    plan = plan_of(rig, None)
+    world_from_rig = rig.world_from_rig.pose
+    truth_m = [(world_from_rig @ c.cam_from_rig.pose.inverse()).translation_m[:2] for c in rig.cameras]
+    units_per_m = plan.bar_units / plan.bar_m
+    drawn_m = np.array([[camera.x, -camera.y] for camera in plan.cameras]) / units_per_m
+    offset_m = drawn_m - truth_m
+    np.testing.assert_allclose(offset_m, np.broadcast_to(offset_m[0], offset_m.shape), atol=1e-9)
+    assert all(0 < camera.x < plan.width and 0 < camera.y < plan.height for camera in plan.cameras)
+    assert plan.above.startswith("along the world's z axis")
+    origin_m = np.array([plan.origin[0], -plan.origin[1]]) / units_per_m
+    np.testing.assert_allclose(origin_m, offset_m[0], atol=1e-9)
+
+
+def test_without_a_world_the_plan_looks_along_the_cameras_and_the_reference_looks_up_the_page():
+    rig = document(4, world_from_rig=None)
+    plan = plan_of(rig, None)
+    assert plan.above.startswith("along the mean down axis of the cameras")
+    tip = np.array(re.findall(r"-?[\d.]+", plan.cameras[0].wedge), dtype=float).reshape(-1, 2)[1:].mean(axis=0)
+    assert tip[0] == pytest.approx(plan.cameras[0].x, abs=2)
+    assert tip[1] < plan.cameras[0].y - 20
+    assert plan.cameras[1].x > plan.cameras[0].x  # cam1 is to the right of cam0
+    assert plan.origin is None
+
+
+def test_cameras_without_a_common_vertical_are_seen_along_the_reference_and_it_is_said():
+    turned = [Pose.from_rvec([0, 0, math.pi * i], [0.1 * i, 0, 0]) for i in range(2)]
+    data = content(2) | {"world_from_rig": None}
+    for camera, pose in zip(data["cameras"], turned, strict=True):
+        camera["cam_from_rig"] = PoseEntry.of(pose).model_dump()
+    assert plan_of(RigDocument.model_validate(data), None).above.startswith("along the down axis of cam0")
+
+
+def test_ellipses_are_one_sigma_of_the_position_that_the_covariance_means():
+    """Against 4000 rigs drawn from the covariance; the axes' sampling error is 1.1 %, the tolerance 4 %."""
+    rng = np.random.default_rng(5)
+    data = content(2)
+    root = rng.normal(0, 1, (6, 6)) * np.repeat([1e-3, 4e-3], 3)[:, None]
+    data["covariance"]["matrix"] = (root @ root.T).tolist()
+    rig = RigDocument.model_validate(data)
+    plan = plan_of(rig, None)
+    pose, world_from_rig = rig.cameras[1].cam_from_rig.pose, rig.world_from_rig.pose
+    drawn = [pose.perturbed(d[:3], d[3:]) for d in rng.normal(size=(4000, 6)) @ root.T]
+    places = np.array([(world_from_rig @ p.inverse()).translation_m[:2] for p in drawn])
+    values, vectors = np.linalg.eigh(np.cov(places.T))
+    units = plan.bar_units / plan.bar_m * plan.magnification
+    major, minor, angle_deg = plan.cameras[1].ellipse
+    np.testing.assert_allclose([minor / units, major / units], np.sqrt(values), rtol=0.04)
+    along = np.array([math.cos(math.radians(angle_deg)), -math.sin(math.radians(angle_deg))])  # y of the page is down
+    assert abs(along @ vectors[:, 1]) > 0.999
+    assert plan.cameras[0].ellipse is None
+
+
+def test_chain_lines_carry_views_and_rmse_and_other_pairs_do_not():
+    data = content(3)
+    data["pairs"].append({"cameras": ["cam2", "cam0"], "views": 5, "rmse_px": None})
+    plan = plan_of(RigDocument.model_validate(data), None)
+    assert [(edge.on_chain, edge.views, edge.rmse) for edge in plan.edges] == [
+        (False, "5 views", "- px"), (True, "70 views", "0.71 px"), (True, "71 views", "0.73 px"),
+    ]  # fmt: skip
+    assert [edge.labelled for edge in plan.edges] == [False, True, True]
+    html = html_report(RigDocument.model_validate(data), None)
+    assert html.count(">70 views<") == 1
+    assert ">5 views<" not in html
+    assert "cam2 and cam0 5 - no" in Page(html).text
+
+
+def test_long_ids_are_shortened_in_the_plan_only():
+    rig = RigDocument.model_validate(content(2, rename=lambda camera_id: "north-entrance-" + camera_id))
+    assert [camera.label for camera in plan_of(rig, None).cameras] == ["north-entranc…"] * 2
+    assert "north-entrance-cam1" in Page(html_report(rig, None)).text
+
+
+def test_the_field_of_view_is_that_of_the_real_lens():
+    pinhole = Camera("opencv4", (1920, 1080), [1000, 1000, 959.5, 539.5, 0, 0, 0, 0])
+    assert horizontal_fov_deg(pinhole) == pytest.approx(2 * math.degrees(math.atan(0.96)))
+    barrel = Camera("opencv4", (1920, 1080), [1000, 1000, 959.5, 539.5, -0.1, 0, 0, 0])
+    edge = barrel.rays([-0.5, 539.5])
+    assert horizontal_fov_deg(barrel) == pytest.approx(2 * math.degrees(math.atan2(-edge[0], edge[2])))
+    assert horizontal_fov_deg(barrel) > horizontal_fov_deg(pinhole) + 2
+    fisheye = Camera("fisheye4", (2000, 1000), [500, 500, 999.5, 499.5, 0, 0, 0, 0])  # 2 radians to each side
+    assert horizontal_fov_deg(fisheye) == pytest.approx(math.degrees(4))
+
+
+def test_a_lens_model_that_turns_back_still_has_a_wedge():
+    folding = Camera("opencv4", (1920, 1080), [700, 700, 959.5, 539.5, -0.6, 0, 0, 0])
+    assert 60 < horizontal_fov_deg(folding) < 180
+
+
+def test_figures_have_the_digits_that_they_are_worth():
+    assert [fixed(v) for v in (0.2749, 12.3456, 0.0312, 2.2e-9, 0, None)] == [
+        "0.27",
+        "12.35",
+        "0.031",
+        "2.2e-09",
+        "0",
+        "-",
+    ]
+    assert [with_sigma(1413.693, s) for s in (0.66, 12.0, 0.0312, None)] == [
+        "1413.69 ± 0.66", "1414 ± 12", "1413.693 ± 0.031", "1413.69",
+    ]  # fmt: skip
+    assert [signed(v) for v in (-1e-9, 0.0123, -0.5)] == ["+0.000", "+0.012", "-0.500"]
+    assert [round_down(v) for v in (1, 1.9, 2, 4.99, 7, 0.03)] == pytest.approx([1, 1, 2, 2, 5, 0.02])
+    assert [round_up(v) for v in (1, 1.1, 2, 2.1, 7, 0.03)] == pytest.approx([1, 2, 2, 5, 10, 0.05])
+
+
+def test_the_lens_report_says_every_lens_with_its_sigmas():
+    lens = {
+        "id": "[b]left", "size_wh": [640, 480], "model": "opencv4",
+        "coefficients": {
+            "fx": 533.1, "fy": 532.9, "cx": 343.1, "cy": 233.7, "k1": -0.3077, "k2": 0.1651, "p1": 0, "p2": 0,
+        },
+        "sigma": {"fx": 0.42, "fy": 0.43, "cx": 0.59, "cy": 0.6, "k1": 0.0021, "k2": 0.011, "p1": 0.0, "p2": 0.0},
+        "rmse_px": {"intrinsic": 0.2213},
+        "views": {"frames": 13, "detected": 11, "used": 10, "findings": [
+            {"frame": f"left{i:02d}", "action": "dropped", "reason": "residual 2.0 px"} for i in range(5)
+        ]},
+    }  # fmt: skip
+    words = printed(lens_report({"board": "checkerboard:9x6:25mm", "cameras": [lens]}), width=80)
+    assert words.startswith("1 lens calibrated, board checkerboard:9x6:25mm")
+    for part in (
+        "[b]left",
+        "opencv4",
+        "640x480",
+        "10/11/13",
+        "0.22",
+        "fx 533.10 ± 0.42",
+        "k1 -0.3077 ± 0.0021",
+        "p2 0",
+    ):
+        assert part in words
+    assert "and 2 more" in words
+    assert "in the lens file" in words
