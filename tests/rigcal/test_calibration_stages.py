@@ -315,7 +315,8 @@ def test_lenses_are_held_where_shared_views_contradict_each_other():
     options = CalibrateOptions()
     lenses = calibrate_lenses(late, None, options)
     result = calibrate_site(late, GateLimits(), lenses, options)
-    assert result.joint.noisy == (0, 1)
-    assert np.array_equal(result.joint.cameras[1].params, lenses[1].camera.params)
+    assert result.joint.noisy
+    for camera in result.joint.noisy:
+        assert np.array_equal(result.joint.cameras[camera].params, lenses[camera].camera.params)
     clean = calibrate_site(detections, GateLimits(), calibrate_lenses(detections, None, options), options)
     assert clean.joint.noisy == ()

@@ -414,8 +414,10 @@ def test_the_terminal_report_fits_80_columns_and_is_plain_where_colour_is_unwant
 
 @pytest.mark.parametrize("width", [80, 64])
 def test_long_names_fold_and_figures_stay_whole(width):
-    rig = RigDocument.model_validate(content(3, rename=lambda camera_id: "north-entrance-loading-bay-" + camera_id))
+    rig = RigDocument.model_validate(content(3, rename=lambda camera_id: "north_entrance_loading_bay_" + camera_id))
     words = terminal(rig, width=width)
+    assert "…" not in words
+    assert [name for name in ("intrinsic", "held-out", "position, mm", "RMSE, px") if name not in words] == []
     assert max(len(line.rstrip()) for line in words.splitlines()) <= width
     assert [figure for figure in shared_figures(rig) if figure not in words] == []
 
