@@ -66,7 +66,7 @@ class DetectionsFile:
             people_score=np.minimum(keypoints[..., 2], 1.0),
             object_class=tuple(classes.tolist()),
             object_xyxy=xyxy,
-            object_score=score,
+            object_score=np.minimum(score, 1.0),
         )
 
 

@@ -16,28 +16,27 @@ from rigcal.geometry import Floats
 from rigcal.rig import Rig
 
 Arrays: TypeAlias = Mapping[str, NDArray[Any]]
-_SHAPES: dict[str, tuple[int | None, ...]] = {
-    "det_frame": (None,),
-    "det_view": (None,),
-    "det_kpts": (None, 17, 3),
-    "obj_frame": (None,),
-    "obj_view": (None,),
-    "obj_class": (None,),
-    "obj_xyxy": (None, 4),
-    "obj_score": (None,),
-    "frame_time_s": (None,),
+_FORMS: dict[str, tuple[tuple[int | None, ...], str]] = {
+    "det_frame": ((None,), "integers"),
+    "det_view": ((None,), "integers"),
+    "det_kpts": ((None, 17, 3), "numbers"),
+    "obj_frame": ((None,), "integers"),
+    "obj_view": ((None,), "integers"),
+    "obj_class": ((None,), "text"),
+    "obj_xyxy": ((None, 4), "numbers"),
+    "obj_score": ((None,), "numbers"),
+    "frame_time_s": ((None,), "numbers"),
 }
+"""Shape (None: any length) and kind of each array."""
+_KINDS: dict[str, tuple[str, type[np.generic]]] = {
+    "integers": ("iu", np.int64),
+    "numbers": ("fiu", np.float64),
+    "text": ("U", np.str_),
+}
+"""The kinds of NumPy types that an array may have, and the type of an absent one."""
 _TIMES = "frame_time_s"
 _PEOPLE = ("det_frame", "det_view", "det_kpts")
 _OBJECTS = ("obj_frame", "obj_view", "obj_class", "obj_xyxy", "obj_score")
-_KINDS = {"i": "integers", "f": "numbers", "U": "text"}
-_EMPTY: dict[str, type[np.generic]] = {
-    "obj_frame": np.int32,
-    "obj_view": np.int16,
-    "obj_class": np.str_,
-    "obj_xyxy": np.float32,
-    "obj_score": np.float32,
-}
 _MAX_SCORE = 1.001
 """Scores are in 0..1; the excess allows for float32."""
 
@@ -49,11 +48,11 @@ def loaded(path: Path) -> Arrays:
         DetectionsFileError: where it cannot be read, is damaged, or holds Python objects.
     """
     try:
-        archive = np.load(path, allow_pickle=False)
-        if isinstance(archive, np.ndarray):
-            raise _error(path, "this file is one array", expected="an archive of arrays (.npz)", got=archive.shape)
-        with archive:
-            return {name: archive[name] for name in archive.files if name in _SHAPES}
+        with path.open("rb") as file:
+            archive = np.load(file, allow_pickle=False)
+            if isinstance(archive, np.ndarray):
+                raise _error(path, "this file is one array", expected="an archive of arrays (.npz)", got=archive.shape)
+            return {name: archive[name] for name in archive.files if name in _FORMS}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise _error(path, "cannot read this file", expected="a .npz file of plain arrays", got=error) from error
 
@@ -65,7 +64,7 @@ def checked_people(path: Path, arrays: Arrays, rig: Rig) -> Arrays:
         got = ", ".join(arrays) or "none of the documented arrays"
         raise _error(path, f"no array {', '.join(missing)}", expected=", ".join(_PEOPLE), got=got)
     people = {name: arrays[name] for name in _PEOPLE}
-    _check_forms(path, people, {"det_frame": "i", "det_view": "i", "det_kpts": "f"})
+    _check_forms(path, people)
     _check_places(path, people["det_frame"], people["det_view"], "det", rig)
     score = people["det_kpts"][..., 2]
     _check_scores(path, "det_kpts[..., 2]", score)
@@ -77,7 +76,7 @@ def checked_objects(path: Path, arrays: Arrays, rig: Rig) -> Arrays:
     """The five arrays of objects, empty where the file has none; DetectionsFileError as above."""
     objects = {name: arrays[name] for name in _OBJECTS if name in arrays}
     if not objects:
-        return {name: np.zeros((0, *(n or 0 for n in _SHAPES[name][1:])), dtype=_EMPTY[name]) for name in _OBJECTS}
+        return {name: _nothing(name) for name in _OBJECTS}
     missing = [name for name in _OBJECTS if name not in objects]
     if missing:
         raise _error(
@@ -86,9 +85,7 @@ def checked_objects(path: Path, arrays: Arrays, rig: Rig) -> Arrays:
             expected="all five arrays of objects, or none",
             got=", ".join(objects),
         )
-    _check_forms(
-        path, objects, {"obj_frame": "i", "obj_view": "i", "obj_class": "U", "obj_xyxy": "f", "obj_score": "f"}
-    )
+    _check_forms(path, objects)
     _check_places(path, objects["obj_frame"], objects["obj_view"], "obj", rig)
     _check_scores(path, "obj_score", objects["obj_score"])
     _check_finite(path, "obj_xyxy", objects["obj_xyxy"])
@@ -106,7 +103,7 @@ def checked_times(path: Path, arrays: Arrays, frames: range) -> Floats | None:
     """``frame_time_s``, None where the file has none; DetectionsFileError where it does not ascend over ``frames``."""
     if _TIMES not in arrays:
         return None
-    _check_forms(path, {_TIMES: arrays[_TIMES]}, {_TIMES: "f"})
+    _check_forms(path, {_TIMES: arrays[_TIMES]})
     _check_finite(path, _TIMES, arrays[_TIMES])
     time_s = arrays[_TIMES].astype(np.float64)
     if len(time_s) < frames.stop:
@@ -125,16 +122,21 @@ def checked_times(path: Path, arrays: Arrays, frames: range) -> Floats | None:
     return time_s
 
 
-def _check_forms(path: Path, arrays: Arrays, kinds: Mapping[str, str]) -> None:
+def _nothing(name: str) -> NDArray[Any]:
+    """The array of that name without rows."""
+    shape, kind = _FORMS[name]
+    return np.zeros([n or 0 for n in shape], dtype=_KINDS[kind][1])
+
+
+def _check_forms(path: Path, arrays: Arrays) -> None:
     """Shapes, types and one length for all."""
     for name, array in arrays.items():
-        shape = _SHAPES[name]
+        shape, kind = _FORMS[name]
         if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
             wanted = ", ".join("N" if n is None else str(n) for n in shape)
             raise _error(path, f"{name} has another shape", expected=f"({wanted})", got=array.shape)
-        allowed = {"i": "iu", "f": "fiu", "U": "U"}[kinds[name]]
-        if array.dtype.kind not in allowed:
-            raise _error(path, f"{name} has another type", expected=_KINDS[kinds[name]], got=array.dtype)
+        if array.dtype.kind not in _KINDS[kind][0]:
+            raise _error(path, f"{name} has another type", expected=kind, got=array.dtype)
     if len({len(array) for array in arrays.values()}) > 1:
         got = ", ".join(f"{name} {len(array)}" for name, array in arrays.items())
         raise _error(
