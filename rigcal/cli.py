@@ -341,7 +341,7 @@ def _finish(document: RigDocument, output: Path, as_json: bool) -> None:
     if as_json:
         _print_json(_with_files(document, output) | {"report": str(beside(output, ".report.html"))})
     else:
-        _print(text_report(document))
+        _print(text_report(document, file_name=output.name))
         _print(f"rig file {output}\nreport   {beside(output, '.report.html')}")
     raise typer.Exit(0 if document.verdict == "PASS" else 1)
 

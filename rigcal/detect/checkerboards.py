@@ -1,6 +1,6 @@
 """Checkerboards in one image: several finders from cheap to thorough, and one judge for what any of them returns.
 
-The judge is the fit of :mod:`rigcal.crossings`. A finder's corners are kept where nearly all of them are crossings
+The judge is the fit of :mod:`rigcal.detect.crossings`. A finder's corners are kept where nearly all of them are crossings
 whose light and dark quadrants alternate over the grid, evenly spaced. That tells real boards from the grids that
 exhaustive finders make up (3 of the 28 stills of a real capture), and smaller boards inside a larger one: there, a
 row beyond the last one is made of crossings as well. Without it, 8x6 is found in 12 of 13 images of a 9x6 board.
@@ -15,25 +15,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from rigcal.board import Checkerboard
-from rigcal.crossings import Crossings, fit_crossings
-from rigcal.geometry import Bools, Floats, Ints
-
-Grey: TypeAlias = NDArray[np.uint8]
+from rigcal.detect.crossings import Crossings, are_crossings, fit_crossings
+from rigcal.detect.found import FoundBoard, Grey
+from rigcal.geometry import Bools, Floats
 
 REACH = 0.42
 """Radius of the fitted window in squares; the neighbours' edges begin at 1, blur and a rough guess need the rest."""
-MOST_MISFIT = 0.6
-"""Corners of real boards stay below 0.3 with glare and 0.1 without; grids that are no boards reach 0.7-0.9."""
 SMALLEST_SQUARE_PX = 4.0
-FARTHEST_MOVE = 0.35
-"""Of a square: a corner that moved farther from the guess has found another crossing."""
 MOST_BEND = 0.3
 """Distance of a corner from the middle of its neighbours, in squares; 0.06 at the steepest real view."""
 MOST_BEYOND = 0.6
@@ -42,20 +37,6 @@ LEAST_GOOD = 0.9
 """Share of the corners that must pass; a finger or a reflection may hide the others."""
 WORKING_PX = 1_000_000
 """Finders search images of at most this many pixels, and the full image only where that finds nothing."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FoundBoard:
-    """A board in one image."""
-
-    corner_ids: Ints
-    """(n,) indices into ``board.corners_in_board``, ascending."""
-    corners_px: Floats
-    """(n, 2) pixels."""
-    turned: bool = False
-    """Whether the finder gave the corners turned by 180 degrees, and they were put right by the squares' colour."""
-    problem: str | None = None
-    """Why these corners must not be used, or None."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,7 +123,7 @@ def _judge(grey: Grey, raw: Floats) -> _Grid | None:
     corners, contrast = fit.corners_px.reshape(raw.shape), fit.contrast.reshape(raw.shape[:2])
     alternating = contrast * _checker(*contrast.shape)
     sign = 1.0 if np.median(alternating) > 0 else -1.0
-    good = (alternating * sign > 0) & _is_crossing(fit, along_x, along_y).reshape(contrast.shape)
+    good = (alternating * sign > 0) & are_crossings(fit, along_x, along_y).reshape(contrast.shape)
     good &= _off_lattice(corners) < MOST_BEND
     if good.mean() < LEAST_GOOD:
         return None
@@ -153,12 +134,6 @@ def _fit(grey: Grey, corners: Floats, along_x: Floats, along_y: Floats) -> Cross
     return fit_crossings(
         grey, corners.reshape(-1, 2), along_x.reshape(-1, 2), along_y.reshape(-1, 2), reach=REACH
     )
-
-
-def _is_crossing(fit: Crossings, along_x: Floats, along_y: Floats) -> Bools:
-    """(n,) whether each fitted corner is one, near where it was expected."""
-    square_px = np.minimum(np.linalg.norm(along_x, axis=-1), np.linalg.norm(along_y, axis=-1)).ravel()
-    return np.asarray((fit.misfit < MOST_MISFIT) & (fit.moved_px < FARTHEST_MOVE * square_px))
 
 
 def _goes_on(grey: Grey, grid: _Grid) -> bool:

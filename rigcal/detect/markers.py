@@ -1,47 +1,69 @@
 """ChArUco boards and AprilGrids in one image: OpenCV's markers say which corner is which, the fit says where it is.
 
 Measured on a real capture of an inverted 4x5 ChArUco (4 cameras, 111 frames each): 46, 28, 43 and 45 views, and
-``cv2.calibrateCamera`` leaves 0.07, 0.04, 0.05 and 0.06 px where the detector's own corners leave 0.16, 0.15, 0.26 and
+``cv2.calibrateCamera`` leaves 0.07, 0.04, 0.05 and 0.07 px where the detector's own corners leave 0.16, 0.15, 0.26 and
 0.26. Inverting the image finds 162 views, ``detectInvertedMarker`` 146. On nine real AprilGrids the fit moves the tag
-detector's corners by 1.2-2.7 px (median per image): the black squares between the tags draw them outwards.
+detector's corners by 1.2-2.7 px (median per image), since the black squares between the tags draw them outwards.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from rigcal.board import AprilGrid, Board, Charuco
-from rigcal.checkerboards import FARTHEST_MOVE, MOST_MISFIT, FoundBoard, Grey
-from rigcal.crossings import fit_crossings
+from rigcal.board import AprilGrid, Charuco
+from rigcal.detect.crossings import Crossings, are_crossings, fit_crossings
+from rigcal.detect.found import FoundBoard, Grey
 from rigcal.geometry import Bools, Floats, Ints
+from rigcal.synthetic import opencv_charuco
 
 LEAST_CORNERS = 6
 """Fewer corners of a board do not tell a pose from its mirror image."""
-_ALTERNATING = np.array([-1.0, 1.0, -1.0, 1.0])
+CODE_BITS = {"tag16h5": 4, "tag25h9": 5, "tag36h10": 6, "tag36h11": 6}
+"""Bits of a tag's code along one side, without its border."""
+MOST_OFF_LATTICE = 0.5
+"""Distance of a corner from where its neighbour has it, in steps. A wrong layout is off by one or more, the widest
+real fisheye view by 0.2."""
+LEAST_ON_LATTICE = 0.8
 
 
 def find_charuco(grey: Grey, board: Charuco) -> FoundBoard | None:
-    """Chessboard corners of a ChArUco board, wholly or partly in view; None below six corners or where all but one lie
-    in a row.
+    """Chessboard corners of a ChArUco board, wholly or partly in view; None where they are too few to be of use.
 
     Args:
         grey: (height, width) 8-bit image.
-        board: the board; ``inverted`` is looked for in the negative.
+        board: the board; an ``inverted`` one is looked for in the negative.
     """
-    image = cv2.bitwise_not(grey) if board.inverted else grey
+    image = np.asarray(cv2.bitwise_not(grey), dtype=np.uint8) if board.inverted else grey
     raw, raw_ids, _, _ = cv2.aruco.CharucoDetector(opencv_charuco(board)).detectBoard(image)
-    if raw_ids is None or len(raw_ids) < LEAST_CORNERS:
+    if raw_ids is None or not _is_useful(board, ids := np.ravel(raw_ids).astype(np.int64)):
         return None
-    ids, corners = np.ravel(raw_ids).astype(np.int64), np.reshape(raw, (-1, 2)).astype(np.float64)
-    square = board.corners_in_board[ids, :2] / board.square_size_m
-    along_x, along_y = _steps(square, corners)
-    # The nearest thing that is not the crossing is the marker's corner, on the diagonal of the square.
+    corners, squares = np.reshape(raw, (-1, 2)).astype(np.float64), board.corners_in_board[ids] / board.square_size_m
+    along_x, along_y = _steps(squares, corners)
+    if _cross(along_x, along_y).min() <= 0:
+        return None
+    # What is nearest to a corner apart from its edges is the corner of a marker, on the diagonal of the square.
     fit = fit_crossings(image, corners, along_x, along_y, reach=0.95 * np.sqrt(0.5) * (1 - board.marker_ratio))
-    alternating = fit.contrast * (1 - 2 * (square.sum(axis=1).round() % 2))
-    sign = np.sign(np.median(alternating))
-    good = _is_crossing(fit, along_x, along_y) & (alternating * sign > 0)
-    return _if_useful(board, ids[good], fit.corners_px[good])
+    alternating = fit.contrast * (1 - 2 * (squares.sum(axis=1).round() % 2))
+    good = are_crossings(fit, along_x, along_y) & (alternating * np.median(alternating) > 0)
+    return _found(board, ids, fit, good)
+
+
+def find_aprilgrid(grey: Grey, board: AprilGrid) -> FoundBoard | None:
+    """Tag corners of a Kalibr AprilGrid, wholly or partly in view; None where they are too few to be of use.
+
+    Tags with numbers beyond the grid's are another board's and are left out, and so are tags seen twice.
+
+    Args:
+        grey: (height, width) 8-bit image.
+        board: the grid.
+    """
+    tags, quads = _tags(grey, board)
+    if not len(tags):
+        return None
+    right, down = quads[:, [1, 1, 2, 2]] - quads[:, [0, 0, 3, 3]], quads[:, [3, 2, 2, 3]] - quads[:, [0, 1, 1, 0]]
+    along_x, along_y = right.reshape(-1, 2), down.reshape(-1, 2)
+    border = board.border_bits / (CODE_BITS[board.family] + 2 * board.border_bits)
+    fit = fit_crossings(grey, quads.reshape(-1, 2), along_x, along_y, reach=min(border, board.spacing))
+    good = are_crossings(fit, along_x, along_y) & (fit.contrast * np.tile([-1.0, 1.0, -1.0, 1.0], len(tags)) > 0)
+    return _found(board, (4 * tags[:, None] + np.arange(4)).ravel(), fit, good)

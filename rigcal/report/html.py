@@ -57,6 +57,7 @@ def html_report(document: RigDocument, evidence: Evidence | None, *, title: str 
         fields_of_view={camera.id: horizontal_fov_deg(camera.camera) for camera in rig.cameras},
         links=words.chain_links(document),
         instants=words.instants_sentence(document),
+        held=words.held_sentence(document),
         findings=sum(len(camera.views.findings) for camera in document.cameras),
     )
 

@@ -17,6 +17,7 @@ from rigcal.report.words import (
     findings_counts,
     gate_limit,
     gate_value,
+    held_sentence,
     instants_sentence,
     next_actions,
     open_points,
@@ -55,8 +56,9 @@ def _parts(document: RigDocument, file_name: str | None) -> Iterator[RenderableT
     yield from _cameras(document)
     if document.pairs:
         yield from _pairs(document)
-    if sentence := instants_sentence(document):
-        yield Text(f"\n{plain(sentence)}")
+    for sentence in (instants_sentence(document), held_sentence(document)):
+        if sentence:
+            yield Text(f"\n{plain(sentence)}")
     yield from findings_parts([(camera.id, camera.views) for camera in document.cameras], ALL_FINDINGS)
     if any(camera.clock for camera in document.cameras):
         yield from _clocks(document)

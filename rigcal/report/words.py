@@ -125,11 +125,11 @@ def open_points(document: RigDocument) -> tuple[str, ...]:
     if document.verdict == "IMPORTED":
         points.append("Nothing judged this rig: calibrate it with rigcal calibrate to learn how accurate it is.")
     if document.world_from_rig is None:
-        points.append("The floor and the vertical are not known: rigcal world measures them for rules that need them.")
+        points.append(f"The floor and the vertical are not known; positions are in the frame of {document.reference}.")
     unknown = [camera.id for camera in document.cameras if camera.clock is None]
     if unknown:
         named = "any camera" if len(unknown) == len(document.cameras) else ", ".join(unknown)
-        points.append(f"No clock was measured for {named}: rigcal sync probe does it, for live cameras.")
+        points.append(f"No clock was measured for {named}; frames are paired by their stamps or numbers alone.")
     return tuple(points)
 
 
@@ -148,6 +148,18 @@ def instants_sentence(document: RigDocument) -> str | None:
     elif isinstance(spread_s, int | float):
         parts.append(f"times within one differ by {fixed(spread_s * 1e3, 1)} ms at most")
     return "; ".join(parts) + "."
+
+
+def held_sentence(document: RigDocument) -> str | None:
+    """Which lenses the joint solve held, and why; None where it held none."""
+    own = document.extensions.get("rigcal")
+    held = own.get("lenses_held") if isinstance(own, dict) else None
+    if not isinstance(held, list) or not held:
+        return None
+    return (
+        f"Views of several cameras contradict each other by more than the corners' own noise, so the lens of "
+        f"{', '.join(map(str, held))} was kept as calibrated alone: expose the cameras together, or hold the board still."
+    )
 
 
 def findings_counts(views: ViewsEntry) -> str:

@@ -59,9 +59,7 @@ def test_a_point_moved_off_its_line_by_ten_pixels_is_ten_pixels_from_it():
 
 
 def test_fundamental_matrices_are_those_of_the_projection_matrices_up_to_scale():
-    projections = [
-        c.camera.matrix @ np.c_[c.cam_from_rig.rotation, c.cam_from_rig.translation_m] for c in RIG.cameras
-    ]
+    projections = [c.camera.matrix @ np.c_[c.cam_from_rig.rotation, c.cam_from_rig.translation_m] for c in RIG.cameras]
     for i, j in [(0, 1), (3, 1), (2, 3)]:
         centre = np.append(RIG.cameras[i].cam_from_rig.inverse().translation_m, 1.0)
         epipole = projections[j] @ centre

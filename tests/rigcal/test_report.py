@@ -462,10 +462,10 @@ def test_an_imported_rig_reads_well_without_figures():
     assert "None" not in words + page
 
 
-def test_what_is_not_known_yet_is_said_with_the_command_that_measures_it():
+def test_what_is_not_known_yet_is_said():
     words = " ".join(terminal(document(world_from_rig=None)).split())
-    assert "The floor and the vertical are not known: rigcal world" in words
-    assert "No clock was measured for cam0, cam2, cam3: rigcal sync probe" in Page(html_report(failing(), None)).text
+    assert "The floor and the vertical are not known; positions are in the frame of" in words
+    assert "No clock was measured for cam0, cam2, cam3; frames are paired" in Page(html_report(failing(), None)).text
 
 
 def test_title_replaces_the_heading():
@@ -665,3 +665,9 @@ def test_the_lens_report_says_every_lens_with_its_sigmas():
         assert part in words
     assert "and 2 more" in words
     assert "in the lens file" in words
+
+
+def test_lenses_that_were_held_are_named_with_what_to_do():
+    held = document(extensions={"rigcal": {"lenses_held": ["cam2", "cam3"]}})
+    for words in (" ".join(terminal(held).split()), Page(html_report(held, None)).text):
+        assert "the lens of cam2, cam3 was kept as calibrated alone: expose the cameras together" in words
