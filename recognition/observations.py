@@ -154,6 +154,8 @@ class WorkerTrack:
     """(17, 3) in the rig frame; NaN: not known at this instant."""
     views: Ints
     """(17,) how many cameras gave each joint."""
+    members: Ints
+    """(V,) index of its detection in each view, -1 where none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,6 +168,8 @@ class ObjectTrack:
     """(3,) in the rig frame."""
     views: int
     """How many cameras saw it."""
+    members: Ints
+    """(V,) index of its detection in each view, -1 where none."""
 
 
 @dataclass(frozen=True, slots=True)

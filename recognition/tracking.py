@@ -176,11 +176,13 @@ class Tracker:
             index=index,
             t_ns=t_ns,
             workers=tuple(
-                WorkerTrack(track_id, people.joints_m[row], people.views[row])
+                WorkerTrack(track_id, people.joints_m[row], people.views[row], people.members[row])
                 for track_id, row in _identified(worker_ids, here.rows)
             ),
             objects=tuple(
-                ObjectTrack(track_id, objects.classes[row], objects.centre_m[row], int(objects.views[row]))
+                ObjectTrack(
+                    track_id, objects.classes[row], objects.centre_m[row], int(objects.views[row]), objects.members[row]
+                )
                 for track_id, row in _identified(object_ids, there.rows)
             ),
         )

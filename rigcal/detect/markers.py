@@ -67,3 +67,65 @@ def find_aprilgrid(grey: Grey, board: AprilGrid) -> FoundBoard | None:
     fit = fit_crossings(grey, quads.reshape(-1, 2), along_x, along_y, reach=min(border, board.spacing))
     good = are_crossings(fit, along_x, along_y) & (fit.contrast * np.tile([-1.0, 1.0, -1.0, 1.0], len(tags)) > 0)
     return _found(board, (4 * tags[:, None] + np.arange(4)).ravel(), fit, good)
+
+
+def _tags(grey: Grey, board: AprilGrid) -> tuple[Ints, Floats]:
+    """Numbers (n,) ascending and corners (n, 4, 2) of the grid's tags that are seen once."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.markerBorderBits = board.border_bits
+    family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    quads, raw_ids, _ = cv2.aruco.ArucoDetector(family, parameters).detectMarkers(grey)
+    if raw_ids is None:
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 4, 2))
+    numbers, first, count = np.unique(np.ravel(raw_ids), return_index=True, return_counts=True)
+    used = (count == 1) & (numbers < board.columns * board.rows)
+    return numbers[used].astype(np.int64), np.reshape(quads, (-1, 4, 2))[first[used]].astype(np.float64)
+
+
+def _found(board: Charuco | AprilGrid, ids: Ints, fit: Crossings, good: Bools) -> FoundBoard | None:
+    """The good corners, judged together."""
+    order = np.argsort(ids[good])
+    ids, corners = ids[good][order], fit.corners_px[good][order]
+    if not _is_useful(board, ids):
+        return None
+    if _on_lattice(board.corners_in_board[ids] / board.square_size_m, corners) < LEAST_ON_LATTICE:
+        return FoundBoard(ids, corners, problem=f"its markers do not lie as on {board.spec}")
+    return FoundBoard(ids, corners)
+
+
+def _is_useful(board: Charuco | AprilGrid, ids: Ints) -> bool:
+    """Whether there are six corners, and four of them fix the plane: two rows or columns with two corners each."""
+    if len(ids) < LEAST_CORNERS:
+        return False
+    steps = np.rint(board.corners_in_board[ids, :2] / board.square_size_m * 1e6)
+    return any((np.unique(steps[:, axis], return_counts=True)[1] >= 2).sum() >= 2 for axis in (0, 1))
+
+
+def _steps(squares: Floats, corners_px: Floats) -> tuple[Floats, Floats]:
+    """Steps (n, 2) of one square along the board's axes at each corner, by the homography of them all."""
+    board_to_image, _ = cv2.findHomography(squares[:, :2], corners_px)
+    half = np.array([0.5, 0.0])
+
+    def between(offset: Floats) -> Floats:
+        ends = [cv2.perspectiveTransform((squares[None, :, :2] + sign * offset), board_to_image)[0] for sign in (1, -1)]
+        return np.asarray(ends[0] - ends[1])
+
+    return between(half), between(half[::-1])
+
+
+def _on_lattice(squares: Floats, corners_px: Floats) -> float:
+    """Share of neighbouring corners that lie to each other as they do on the board."""
+    along_x, along_y = _steps(squares, corners_px)
+    apart = squares[None, :, :2] - squares[:, None, :2]
+    first, second = np.nonzero((np.abs(apart).sum(axis=-1) < 1.5) & (np.abs(apart).sum(axis=-1) > 0))
+    if not len(first):
+        return 1.0
+    apart = apart[first, second]
+    expected = corners_px[first] + apart[:, :1] * along_x[first] + apart[:, 1:] * along_y[first]
+    off = np.linalg.norm(corners_px[second] - expected, axis=1)
+    step = np.maximum(np.linalg.norm(along_x, axis=1), np.linalg.norm(along_y, axis=1))
+    return float((off < MOST_OFF_LATTICE * step[first]).mean())
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

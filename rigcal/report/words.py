@@ -157,8 +157,9 @@ def held_sentence(document: RigDocument) -> str | None:
     if not isinstance(held, list) or not held:
         return None
     return (
-        f"Views of several cameras contradict each other by more than the corners' own noise, so the lens of "
-        f"{', '.join(map(str, held))} was kept as calibrated alone: expose the cameras together, or hold the board still."
+        "Views of several cameras contradict each other by more than the corners' noise, so the lens of "
+        f"{', '.join(map(str, held))} was kept as calibrated alone: expose the cameras together, "
+        "or hold the board still."
     )
 
 

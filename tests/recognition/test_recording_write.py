@@ -122,7 +122,9 @@ def test_everything_handed_over_is_read_back_by_the_stock_reader(tmp_path):
             frame_set = frames(k, T0 + k * 40_000_000, (data, "h264"), (png, "png"))
             writing.write_frames(frame_set)
             writing.write_detections(frame_set, [people(np.full((17, 2), 5.0 + k)), None])
-            writing.write_scene(Scene(k, frame_set.t_ns, (WorkerTrack(3, joints_m, np.full(17, 2)),), ()))
+            writing.write_scene(
+                Scene(k, frame_set.t_ns, (WorkerTrack(3, joints_m, np.full(17, 2), np.zeros(2, int)),), ())
+            )
         writing.log("warning", "cam1 lags", T0 + 1)
     recorded = writing.close()
 
@@ -263,13 +265,13 @@ def test_annotations_refuse_tracks_that_do_not_fit():
 
 
 def worker(track_id: int, joints_m: np.ndarray) -> WorkerTrack:
-    return WorkerTrack(track_id, joints_m, np.full(17, 2))
+    return WorkerTrack(track_id, joints_m, np.full(17, 2), np.zeros(2, int))
 
 
 def test_the_scene_stands_in_the_world_where_there_is_one():
     joints = np.full((17, 3), np.nan)
     joints[5], joints[7] = (1, 2, 3), (1, 2.5, 3)
-    scene = Scene(0, T0, (worker(4, joints),), (ObjectTrack(9, "hardhat", np.array([0.5, 0, 2]), 3),))
+    scene = Scene(0, T0, (worker(4, joints),), (ObjectTrack(9, "hardhat", np.array([0.5, 0, 2]), 3, np.zeros(2, int)),))
     for world in (WORLD_FROM_RIG, None):
         person, thing = SceneDrawer(rig_and_json(world)[0]).update(scene).entities
         moved = joints if world is None else joints @ world.rotation.T + world.translation_m
