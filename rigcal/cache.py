@@ -58,8 +58,8 @@ class DetectionCache:
             return
         try:
             with os.fdopen(handle, "wb") as file:
-                np.savez_compressed(file, **dict(arrays))  # type: ignore[arg-type]
-            os.replace(name, path)
+                np.savez(file, **dict(arrays))  # type: ignore[arg-type]
+            Path(name).replace(path)
         except OSError:
             Path(name).unlink(missing_ok=True)
 

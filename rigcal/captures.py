@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -51,13 +51,14 @@ class Capture:
     path: Path
     cameras: tuple[CaptureCamera, ...]
 
-    def digest(self) -> str:
-        """SHA-256 over every file's content, in order, hexadecimal; reads them all."""
+    def digest(self, sha256: Mapping[Path, str] | None = None) -> str:
+        """SHA-256 over every file's content, in order, hexadecimal; reads those that ``sha256`` does not know."""
+        known = sha256 or {}
         total = hashlib.sha256()
         for camera in self.cameras:
             for path in camera.paths:
                 total.update(f"{camera.id}/{path.name}\n".encode())
-                total.update(file_sha256(path).encode())
+                total.update((known.get(path) or file_sha256(path)).encode())
         return total.hexdigest()
 
 

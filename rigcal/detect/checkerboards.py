@@ -1,9 +1,10 @@
 """Checkerboards in one image: several finders from cheap to thorough, and one judge for what any of them returns.
 
-The judge is the fit of :mod:`rigcal.detect.crossings`. A finder's corners are kept where nearly all of them are crossings
-whose light and dark quadrants alternate over the grid, evenly spaced. That tells real boards from the grids that
-exhaustive finders make up (3 of the 28 stills of a real capture), and smaller boards inside a larger one: there, a
-row beyond the last one is made of crossings as well. Without it, 8x6 is found in 12 of 13 images of a 9x6 board.
+The judge is the fit of :mod:`rigcal.detect.crossings`. A finder's corners are kept where nearly all of them are
+crossings whose light and dark quadrants alternate over the grid, evenly spaced. That tells real boards from the grids
+that the exhaustive finder makes up (in 3 of the 28 stills of a real capture). Where dark and light go on to alternate
+beyond the last row, the corners are a part of a larger board and are refused: the older finder finds 8x6 corners in 12
+of 13 images of a 9x6 board.
 
 Order: right-handed as seen from the front, x along the columns. Where columns + rows is odd, the square between
 corners 0, 1, ``columns`` and ``columns + 1`` is dark, as on a board whose top left square is black; OpenCV's older
@@ -13,9 +14,9 @@ same turned by 180 degrees; then the first corner is the one of the two that lie
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
@@ -37,6 +38,10 @@ LEAST_GOOD = 0.9
 """Share of the corners that must pass; a finger or a reflection may hide the others."""
 WORKING_PX = 1_000_000
 """Finders search images of at most this many pixels, and the full image only where that finds nothing."""
+
+
+Finder: TypeAlias = Callable[[Grey, tuple[int, int]], NDArray[Any] | None]
+"""Finds a grid of (columns, rows) corners in an image."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,8 +84,9 @@ def _proposals(grey: Grey, size: tuple[int, int], thorough: bool) -> Iterator[Fl
     while grey.size / 4**halvings > WORKING_PX:
         halvings += 1
     small_scale = 2.0**halvings
-    small = cv2.resize(grey, None, fx=1 / small_scale, fy=1 / small_scale, interpolation=cv2.INTER_AREA)
-    searches = [(small, small_scale, _sectors), (grey, 1.0, _quads_if_likely)]
+    shrunk = cv2.resize(grey, None, fx=1 / small_scale, fy=1 / small_scale, interpolation=cv2.INTER_AREA)
+    small = np.asarray(shrunk, dtype=np.uint8)
+    searches: list[tuple[Grey, float, Finder]] = [(small, small_scale, _sectors), (grey, 1.0, _quads_if_likely)]
     if thorough:
         searches += [(small, small_scale, _quads), (small, small_scale, _sectors_exhaustive), (grey, 1.0, _quads)]
         searches += [(grey, 1.0, _sectors)] if halvings else []
@@ -121,7 +127,7 @@ def _judge(grey: Grey, raw: Floats) -> _Grid | None:
         return None
     fit = _fit(grey, raw, along_x, along_y)
     corners, contrast = fit.corners_px.reshape(raw.shape), fit.contrast.reshape(raw.shape[:2])
-    alternating = contrast * _checker(*contrast.shape)
+    alternating = contrast * _checker(contrast)
     sign = 1.0 if np.median(alternating) > 0 else -1.0
     good = (alternating * sign > 0) & are_crossings(fit, along_x, along_y).reshape(contrast.shape)
     good &= _off_lattice(corners) < MOST_BEND
@@ -131,9 +137,7 @@ def _judge(grey: Grey, raw: Floats) -> _Grid | None:
 
 
 def _fit(grey: Grey, corners: Floats, along_x: Floats, along_y: Floats) -> Crossings:
-    return fit_crossings(
-        grey, corners.reshape(-1, 2), along_x.reshape(-1, 2), along_y.reshape(-1, 2), reach=REACH
-    )
+    return fit_crossings(grey, corners.reshape(-1, 2), along_x.reshape(-1, 2), along_y.reshape(-1, 2), reach=REACH)
 
 
 def _goes_on(grey: Grey, grid: _Grid) -> bool:
@@ -150,7 +154,7 @@ def _goes_on(grey: Grey, grid: _Grid) -> bool:
         beyond = rows[0] + 1.25 * outwards + 1.25 * 2.25 / 2 * bend
         between = ((beyond[:-1] + beyond[1:]) / 2).astype(np.float32)
         seen = (between > 1).all(axis=1) & (between < np.array(grey.shape[::-1]) - 2).all(axis=1)
-        values = cv2.remap(smooth, between[None], None, cv2.INTER_LINEAR)[0]
+        values = cv2.remap(smooth, between[:, 0], between[:, 1], cv2.INTER_LINEAR).ravel()
         jumps = (np.diff(values) * (1 - 2 * (np.arange(len(values) - 1) % 2)) / step)[seen[1:] & seen[:-1]]
         if len(jumps) >= 2 and max((jumps > 0.4).mean(), (jumps < -0.4).mean()) > MOST_BEYOND:
             return True
@@ -160,18 +164,15 @@ def _goes_on(grey: Grey, grid: _Grid) -> bool:
 def _in_order(grid: _Grid, board: Checkerboard) -> FoundBoard:
     """The good corners in the order that the module describes."""
     corners, good = grid.corners_px.reshape(-1, 2), grid.good.ravel()
-    if board.is_symmetric:
-        turned = bool(corners[-1].sum() < corners[0].sum())
-    else:
-        turned = grid.sign > 0
+    turned = bool(corners[-1].sum() < corners[0].sum()) if board.is_symmetric else grid.sign > 0
     if turned:
         corners, good = corners[::-1], good[::-1]
     ids = np.flatnonzero(good)
     return FoundBoard(ids, corners[ids], turned=turned and not board.is_symmetric)
 
 
-def _checker(rows: int, columns: int) -> Floats:
-    return np.asarray(1.0 - 2.0 * (np.indices((rows, columns)).sum(axis=0) % 2))
+def _checker(like: Floats) -> Floats:
+    return np.asarray(1.0 - 2.0 * (np.indices(like.shape).sum(axis=0) % 2))
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
@@ -186,9 +187,7 @@ def _off_lattice(grid: Floats) -> Floats:
     """(rows, columns) distance of each corner from where its neighbours in a line have it, in squares, at most."""
     off = np.zeros(grid.shape[:2])
     for line, result in ((grid, off), (grid.transpose(1, 0, 2), off.T)):
-        guess = np.concatenate(
-            [2 * line[1:2] - line[2:3], (line[:-2] + line[2:]) / 2, 2 * line[-2:-1] - line[-3:-2]]
-        )
+        guess = np.concatenate([2 * line[1:2] - line[2:3], (line[:-2] + line[2:]) / 2, 2 * line[-2:-1] - line[-3:-2]])
         square_px = np.linalg.norm(np.gradient(line, axis=0), axis=-1)
         np.maximum(result, np.linalg.norm(line - guess, axis=-1) / square_px, out=result)
     return off

@@ -26,7 +26,7 @@ from scipy.special import erf
 from rigcal.geometry import Bools, Floats
 
 LARGEST_RADIUS_PX = 12.0
-"""Windows of a larger radius are fitted in a smaller image: 18 is 10 % nearer on 100 px squares, at 3 times the cost."""
+"""Larger windows are fitted in a smaller image: 18 is 10 % nearer on squares of 100 px, at 3 times the cost."""
 ANTI_ALIAS_PX = 0.5
 """Gaussian blur before the fit, in pixels of the image that is fitted. The model has no pixel area: without this an
 edge sharper than a pixel costs up to 0.4 px; from 0.4 to 0.8 nothing changes."""
@@ -103,7 +103,9 @@ def fit_crossings(
     high = np.ceil(corners_px.max(axis=0) + 2 * longest_px + 4 * scale).astype(int)
     part = grey[low[1] : max(high[1], 0), low[0] : max(high[0], 0)]
     if part.size == 0:
-        return Crossings(corners_px.copy(), np.zeros(len(corners_px)), np.ones(len(corners_px)), np.zeros(len(corners_px)))
+        return Crossings(
+            corners_px.copy(), np.zeros(len(corners_px)), np.ones(len(corners_px)), np.zeros(len(corners_px))
+        )
     small = cv2.GaussianBlur(part.astype(np.float32), (0, 0), ANTI_ALIAS_PX * scale)[:: int(scale), :: int(scale)]
     guess = (corners_px - low) / scale
     pieces = [
@@ -130,7 +132,7 @@ def _fit(
 
 
 def _windows(image: NDArray[Any], guess: Floats, along_x: Floats, along_y: Floats, reach: float) -> _Windows:
-    """An ellipse around each corner that is a circle of radius ``reach`` on the board, and never less than 21 pixels."""
+    """Ellipses around the corners that are circles of radius ``reach`` on the board; 21 pixels at least."""
     height, width = image.shape
     longest = reach * np.maximum(np.linalg.norm(along_x, axis=1), np.linalg.norm(along_y, axis=1))
     radius = int(np.clip(np.ceil(longest.max()), 2, 2 * LARGEST_RADIUS_PX))

@@ -75,7 +75,7 @@ def _tags(grey: Grey, board: AprilGrid) -> tuple[Ints, Floats]:
     parameters.markerBorderBits = board.border_bits
     family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
     quads, raw_ids, _ = cv2.aruco.ArucoDetector(family, parameters).detectMarkers(grey)
-    if raw_ids is None:
+    if not len(quads):
         return np.zeros(0, dtype=np.int64), np.zeros((0, 4, 2))
     numbers, first, count = np.unique(np.ravel(raw_ids), return_index=True, return_counts=True)
     used = (count == 1) & (numbers < board.columns * board.rows)

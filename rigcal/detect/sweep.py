@@ -13,20 +13,22 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from rigcal.board import AprilGrid, Board, Charuco
+from rigcal.board import AprilGrid, Board, Charuco, Checkerboard
 from rigcal.cache import DetectionCache, cache_key
 from rigcal.captures import Capture, CaptureCamera, file_sha256, read_frames, read_image
 from rigcal.detect.checkerboards import find_checkerboard
 from rigcal.detect.found import FoundBoard, Grey
 from rigcal.detect.markers import find_aprilgrid, find_charuco
-from rigcal.detect.results import QUICK, THOROUGH, UNSEARCHED, FileResults
-from rigcal.detections import BoardDetections, BoardView, Finding, Instants, SiteDetections
+from rigcal.detect.results import QUICK, THOROUGH, UNSEARCHED, Results
+from rigcal.detections import BoardDetections, BoardView, Finding, Instants, SiteDetections, join_findings
 
 DETECTOR_VERSION = f"1 opencv {cv2.__version__}"
 """Part of every cache key; the number grows with each change of what finders return."""
@@ -34,6 +36,7 @@ ENOUGH_VIEWS = 30
 """A camera with this many views of a checkerboard is not searched again; lenses need a dozen."""
 MOST_SECOND_CHANCES = 30
 """Frames of a camera that the thorough finders try, at 0.4-0.8 s each in 2 million pixels."""
+TURNED = "its corners came in the order of a board turned by 180 degrees; put right by the colours of the squares"
 LOOK_AHEAD = 2
 """Images held in memory per worker."""
 
@@ -120,20 +123,95 @@ class _Search:
     def camera(self, camera: CaptureCamera) -> BoardDetections:
         """All board views of a camera."""
         per_file = len(camera.frames) // len(camera.paths)
-        files = [FileResults.from_arrays(self._stored(path), per_file) for path in camera.paths]
-        before = [list(file.effort) for file in files]
-        frames = [(file, k) for file in files for k in range(per_file)]
-        first = [index for index, (file, k) in enumerate(frames) if file.effort[k] == UNSEARCHED]
-        self.counter.add(done=len(frames) - len(first))
-        self._sweep(camera, frames, first, QUICK if self.board.kind == "checkerboard" else THOROUGH)
-        second = _second_chances(frames)
-        self.counter.add(total=len(second))
-        self._sweep(camera, frames, second, THOROUGH)
-        for path, file, effort in zip(camera.paths, files, before, strict=True):
-            if self.cache is not None and file.effort != effort:
-                self.cache.store(self._key(path), file.to_arrays())
-        found = {index: file.boards[k] for index, (file, k) in enumerate(frames) if k in file.boards}
-        return _detections(camera, found)
+        results = Results.joined([Results.from_arrays(self._stored(path), per_file) for path in camera.paths])
+        before = list(results.effort)
+        first = [index for index, effort in enumerate(before) if effort == UNSEARCHED]
+        self.counter.add(done=len(before) - len(first))
+        self._sweep(camera, results, first, QUICK)
+        second = _second_chances(results) if isinstance(self.board, Checkerboard) else []
+        unknown = [index for index in second if results.effort[index] < THOROUGH]
+        self.counter.add(total=len(unknown))
+        self._sweep(camera, results, unknown, THOROUGH)
+        for k, path in enumerate(camera.paths):
+            part = results.part(k * per_file, per_file)
+            if self.cache is not None and part.effort != before[k * per_file : (k + 1) * per_file]:
+                self.cache.store(self._key(path), part.to_arrays())
+        counted = {i: b for i, b in results.boards.items() if results.effort[i] == QUICK or i in second}
+        return _detections(camera, counted)
+
+    def _stored(self, path: Path) -> dict[str, NDArray[Any]] | None:
+        return self.cache.load(self._key(path)) if self.cache is not None else None
 
     def _key(self, path: Path) -> str:
         return cache_key(self.sha256[path], board=self.board.spec, version=DETECTOR_VERSION)
+
+    def _sweep(self, camera: CaptureCamera, results: Results, wanted: Sequence[int], effort: int) -> None:
+        """Search the wanted frames, a bounded number ahead of the one whose result is waited for."""
+        waiting: deque[tuple[int, Future[FoundBoard | None]]] = deque()
+
+        def take() -> None:
+            index, future = waiting.popleft()
+            found = future.result()
+            if found is not None:
+                results.boards[index] = found
+            results.effort[index] = effort
+            self.counter.add(done=1)
+
+        for index, load in _loaders(camera, set(wanted)):
+            waiting.append((index, self.pool.submit(_search_one, load, self.board, effort)))
+            if len(waiting) > LOOK_AHEAD * self.workers:
+                take()
+        while waiting:
+            take()
+
+
+def _search_one(load: Callable[[], Grey], board: Board, effort: int) -> FoundBoard | None:
+    return find_board(load(), board, thorough=effort == THOROUGH)
+
+
+def _loaders(camera: CaptureCamera, wanted: set[int]) -> Iterator[tuple[int, Callable[[], Grey]]]:
+    """The wanted frames as functions that give the image: images are decoded by the worker, videos by the caller."""
+    if camera.kind == "images":
+        yield from ((index, partial(read_image, camera, camera.paths[index])) for index in sorted(wanted))
+    elif wanted:
+        yield from ((index, partial(_same, image)) for index, image in read_frames(camera) if index in wanted)
+
+
+def _same(image: Grey) -> Grey:
+    return image
+
+
+def _second_chances(results: Results) -> list[int]:
+    """Frames for the thorough finders. What those found before does not count, so that the choice never changes."""
+    efforts = results.effort
+    missed = [index for index, effort in enumerate(efforts) if effort == THOROUGH or index not in results.boards]
+    if not missed or len(efforts) - len(missed) >= ENOUGH_VIEWS:
+        return []
+    count = min(len(missed), MOST_SECOND_CHANCES)
+    return [missed[k] for k in np.linspace(0, len(missed) - 1, count).round().astype(int)]
+
+
+def _detections(camera: CaptureCamera, found: Mapping[int, FoundBoard]) -> BoardDetections:
+    """Views and findings of a camera, from the boards found by frame."""
+    used = {index: board for index, board in found.items() if not board.problem}
+    turned = {index for index, board in used.items() if board.turned}
+    odd = turned if 2 * len(turned) <= len(used) else set(used) - turned
+    findings = [Finding(camera.frames[i], "dropped", board.problem) for i, board in found.items() if board.problem]
+    findings += [Finding(camera.frames[i], "unflipped", TURNED) for i in odd]
+    views = tuple(BoardView(index, board.corner_ids, board.corners_px) for index, board in sorted(used.items()))
+    return BoardDetections(camera.id, camera.size_wh, camera.frames, views, join_findings(findings))
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def _one_thread_per_image() -> Iterator[None]:
+    """OpenCV keeps to one thread while the images themselves are searched side by side."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)

@@ -305,7 +305,7 @@ def test_chained_error_compounds_and_refined_does_not():
 
 def test_lenses_are_held_where_shared_views_contradict_each_other():
     """Boards that moved between the exposures of two cameras: the lens stays where its own views put it."""
-    rig, detections = capture(2, shared=14)
+    _, detections = capture(2, shared=14)
     rng = np.random.default_rng(0)
     moved = tuple(
         replace(view, corners_px=view.corners_px + (rng.normal(0, 3, 2) if view.frame_idx < 14 else 0))

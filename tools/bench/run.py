@@ -165,7 +165,7 @@ def _opencv_triangulation_ms(rig: Rig, views: tuple[ViewDetections, ...], member
                 homogeneous = cv2.triangulatePoints(P[0], P[1], xy[one].T, xy[two].T)
                 points.append(homogeneous[:3] / homogeneous[3])
         if points:
-            np.nanmean([p for p in points if np.isfinite(p).any()] or [np.zeros((3, 17))], axis=0)
+            np.ma.masked_invalid(points).mean(axis=0)
     return 1e3 * (time.perf_counter() - start)
 
 
