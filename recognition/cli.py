@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from recognition.errors import RecognitionError, RigRefusedError, SourceError
-from rigcal.errors import OutputError, RigcalError
+from rigcal.errors import RigcalError, writing
 
 if TYPE_CHECKING:
     from recognition.detectors import Detector
@@ -106,7 +106,7 @@ def run(
         **facts,
         **({f"model.{m.family}": f"{m.name} {m.sha256}" for m in detector.model_info} if detector else {}),
     }
-    with _writing(output):
+    with writing(output):
         recorder = Recorder(output, rig=loaded, rig_json=rig.read_bytes(), metadata=metadata)
         with recorder, _progress(total, quiet=as_json) as progress:
             result = run_instants(loaded, instants, recorder, RunOptions(realtime=realtime), progress=progress)
@@ -158,7 +158,7 @@ def recover(
     """
     from recognition.recording import recover_recording
 
-    with _writing(output):
+    with writing(output):
         found = recover_recording(recording, output)
     if as_json:
         _print_json(
@@ -236,22 +236,18 @@ def _instants(
     from recognition.sources.capture import open_source
     from recognition.sources.detections_file import read_detections
 
-    if source is None and detections is None:
-        raise SourceError(
-            "nothing to run on",
-            where="recognition run",
-            expected="--source CAPTURE, --detections FILE.npz, or both",
-            got="neither",
-            do_next="give at least one of them",
-        )
     known = read_detections(detections, rig) if detections is not None else None
     if source is None:
-        assert_known = known
-        if assert_known is None:
-            raise ValueError("no detections were read")
-        times = "frame_time_s" if assert_known.time_s is not None else f"frame numbers at {fps:g} fps"
-        facts = {"instants": times}
-        return instants_of_detections(assert_known, fps=fps, use=use), len(assert_known.frames), facts
+        if known is None:
+            raise SourceError(
+                "nothing to run on",
+                where="recognition run",
+                expected="--source CAPTURE, --detections FILE.npz, or both",
+                got="neither",
+                do_next="give at least one of them",
+            )
+        times = "frame_time_s" if known.time_s is not None else f"frame numbers at {fps:g} fps"
+        return instants_of_detections(known, fps=fps, use=use), len(known.frames), {"instants": times}
     capture = open_source(source, rig, use=use, fps=fps)
     facts = {"instants": capture.rule, "spread_s": f"{capture.spread_s:.6f}"}
     if known is not None:
@@ -264,7 +260,7 @@ def _instants(
 def _write_poses(result: RunResult, rig: Rig, path: Path) -> None:
     from recognition.poses import Poses, write_poses
 
-    with _writing(path):
+    with writing(path):
         write_poses(Poses.of(result.scenes, rig.world_from_rig), path)
 
 
@@ -278,6 +274,7 @@ def _tell(
                 "poses": str(poses) if poses else None,
                 "verdict": rig.verdict,
                 "instants": len(result.scenes),
+                "interrupted": result.interrupted,
                 "rule": facts,
                 "people_detected": dict(result.detections),
                 "workers": {str(track): count for track, count in result.worker_instants.items()},
@@ -287,6 +284,8 @@ def _tell(
             }
         )
         return
+    if result.interrupted:
+        typer.echo("stopped by the keyboard: everything up to here is in the recording")
     typer.echo(f"{len(result.scenes)} instants ({', '.join(f'{k} {v}' for k, v in facts.items())}), rig {rig.verdict}")
     typer.echo("people detected  " + ", ".join(f"{c} {n}" for c, n in result.detections.items()))
     for track, count in result.worker_instants.items():
@@ -311,16 +310,6 @@ def _progress(total: int, *, quiet: bool) -> Iterator[Callable[[int], None] | No
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total)
         yield lambda done: bar.update(task, completed=done)
-
-
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """Make the folder of an output, and turn a refusal of the file system into a message."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield
-    except OSError as error:
-        raise OutputError(path, got=error.strerror or str(error)) from error
 
 
 def _print_json(value: dict[str, Any]) -> None:

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigcal.errors import OutputError, RigcalError
+from rigcal.errors import RigcalError, writing
 
 if TYPE_CHECKING:
     from rigcal.board import Board
@@ -113,7 +112,7 @@ def intrinsics(
     lenses = calibrate_lenses(detections, declared, _options(model))
     document = lens_document(detections.board.spec, detections.cameras, lenses)
     if output is not None:
-        with _writing(output):
+        with writing(output):
             write_lenses(document, output)
     if as_json:
         _print_json(document | {"lens_file": str(output) if output else None})
@@ -158,7 +157,7 @@ def report(
     from rigcal.rigfile import read_rigfile
 
     document = read_rigfile(rig)
-    with _writing(output):
+    with writing(output):
         _write_report(document, rig, output)
     _print(f"report {output}")
 
@@ -178,7 +177,7 @@ def import_file(
     from rigcal.rigfile import write_rigfile
 
     document = import_rig(source, from_format=from_format, created_utc=_now())
-    with _writing(output):
+    with writing(output):
         document = write_rigfile(document, output)
     if as_json:
         _print_json(_with_files(document, output))
@@ -199,7 +198,7 @@ def export_file(
     from rigcal.rigfile import read_rigfile
 
     document = read_rigfile(rig)
-    with _writing(output):
+    with writing(output):
         conventions = export_rig(document, output, to_format)
     if as_json:
         _print_json({"file": str(output), "format": to_format, "conventions": list(conventions)})
@@ -237,7 +236,7 @@ def _calibrate(
         command=command,
         options={"board": detections.board.spec, "model": model, "intrinsics_given": intrinsics_path is not None},
     )
-    with _writing(output):
+    with writing(output):
         write_evidence(evidence_of(result), beside(output, SUFFIX))
         document = write_rigfile(document, output)
         _write_report(document, output, beside(output, ".report.html"))
@@ -348,16 +347,6 @@ def _finish(document: RigDocument, output: Path, as_json: bool) -> None:
 
 def _with_files(document: RigDocument, output: Path) -> dict[str, Any]:
     return {"rig_file": str(output)} | document.model_dump(mode="json")
-
-
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """Make the folder of an output, and turn a refusal of the file system into a message."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield
-    except OSError as error:
-        raise OutputError(path, got=error.strerror or str(error)) from error
 
 
 def _now() -> str:

@@ -31,7 +31,8 @@ Every message says what is wrong, where, what was expected, what was got, and wh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -80,6 +81,16 @@ class OutputError(RigcalError):
             got=got,
             do_next="choose another place with -o, or free some space",
         )
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Make the folder of an output, and turn a refusal of the file system into an :class:`OutputError`."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        raise OutputError(path, got=error.strerror or str(error)) from error
 
 
 class BoardSpecError(RigcalError):

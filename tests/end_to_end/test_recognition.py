@@ -97,6 +97,22 @@ def test_a_killed_recording_is_recovered_up_to_the_last_second(simulated, tmp_pa
     assert command("recognition", "check", tmp_path / "r.mcap").code == 0
 
 
+def test_the_keyboard_ends_a_run_and_keeps_its_recording(simulated, tmp_path):
+    executable = Path(sys.executable).parent / "recognition"
+    arguments = ["run", simulated / "s.rig.json", "--detections", simulated / "d.npz", "-o", tmp_path / "r.mcap"]
+    run = subprocess.Popen([executable, *arguments, "--realtime"], stdout=subprocess.PIPE, text=True)
+    while not (tmp_path / "r.mcap.part").exists():
+        time.sleep(0.01)
+    time.sleep(1.5)
+    run.send_signal(signal.SIGINT)
+    out = run.communicate(timeout=30)[0]
+    assert run.returncode == 0
+    assert "stopped by the keyboard" in out
+    checked = command("recognition", "check", tmp_path / "r.mcap", "--json")
+    assert checked.json["ok"] is True
+    assert 0 < checked.json["messages"]["/scene"] < FRAMES
+
+
 def test_an_earlier_part_is_not_overwritten(simulated, tmp_path):
     (tmp_path / "r.mcap.part").write_bytes(b"an earlier run")
     done = command(
