@@ -11,6 +11,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -19,6 +21,8 @@ from rigcal.board import AprilGrid, Board, Charuco, Checkerboard
 from rigcal.captures import Capture, read_frames, read_image
 from rigcal.detect import find_board
 from rigcal.detect.found import Grey
+from rigcal.detect.markers import CODE_BITS
+from rigcal.detect.sweep import core_count, one_thread_per_image
 from rigcal.detections import SiteDetections
 from rigcal.errors import NoBoardError, WrongBoardError
 
@@ -53,12 +57,136 @@ def check_boards(capture: Capture, detections: SiteDetections) -> None:
     contradicted = len(refused) > views
     if not silent and not contradicted:
         return
-    looked_at = list(range(len(detections.cameras))) if contradicted else silent
-    images = _Images.of(capture, detections, looked_at)
-    other = _best(images, _proposals(detections.board, images))
-    if other is not None:
-        raise other
+    cameras = list(range(len(detections.cameras))) if contradicted else silent
+    other = _other_board(capture, detections, cameras)
+    names = ", ".join(detections.cameras[c].camera_id for c in cameras)
+    given = detections.board.spec
+    if isinstance(other, _Count):
+        spec = other.board.spec
+        raise WrongBoardError(
+            where=f"camera {names}",
+            given=given,
+            given_count=other.given,
+            found=spec,
+            found_count=other.found,
+            images=other.images,
+            sampled=other.sampled,
+            spec=spec,
+        )
     if contradicted:
-        raise WrongBoardError()
+        raise WrongBoardError(
+            where=f"camera {names}",
+            given=given,
+            given_count=views,
+            found=refused[0].reason,
+            found_count=len(refused),
+            images=sum(len(camera.frames) for camera in detections.cameras),
+        )
     first = detections.cameras[silent[0]]
-    raise NoBoardError(first.camera_id, board=detections.board.spec, images=len(first.frames), tried=[])
+    raise NoBoardError(first.camera_id, board=given, images=len(first.frames), tried=other)
+
+
+@dataclass(frozen=True, slots=True)
+class _Count:
+    """In how many images another board is found."""
+
+    board: Board
+    found: int
+    given: int
+    """In how many of them the given board was found."""
+    images: int
+    sampled: bool
+    """Whether these are not all images."""
+
+
+def _other_board(capture: Capture, detections: SiteDetections, cameras: Sequence[int]) -> _Count | list[str]:
+    """The other board that is found most, or, where none is, what was tried in vain."""
+    every = [(c, k) for c in cameras for k in range(len(capture.cameras[c].frames))]
+    chosen = [every[k] for k in np.unique(np.linspace(0, len(every) - 1, SAMPLED_IMAGES).round().astype(int))]
+    with one_thread_per_image(), ThreadPoolExecutor(core_count()) as pool:
+        sample = list(_images(capture, chosen))
+        best, most, tried = None, max(1.0, LEAST_SHARE * len(sample)), []
+        for board in _alternatives(detections.board, sample):
+            tried.append(board.spec)
+            found = sum(pool.map(partial(_finds, board), sample))
+            if found >= most and (best is None or found > most):
+                best, most = board, found
+            if 2 * found >= len(sample):
+                break
+        if best is None:
+            return tried
+        countable = len(every) <= COUNTED_IMAGES and all(capture.cameras[c].kind == "images" for c in cameras)
+        if countable:
+            chosen, most = every, sum(pool.map(partial(_finds, best), _images(capture, every)))
+    seen = {(c, view.frame_idx) for c in cameras for view in detections.cameras[c].views}
+    return _Count(best, round(most), len(seen & set(chosen)), len(chosen), len(chosen) < len(every))
+
+
+def _finds(board: Board, grey: Grey) -> bool:
+    found = find_board(grey, board, thorough=False)
+    return found is not None and not found.problem
+
+
+def _images(capture: Capture, frames: Sequence[tuple[int, int]]) -> Iterator[Grey]:
+    """The images of (camera, frame), which are in order."""
+    for c, camera in enumerate(capture.cameras):
+        wanted = [frame for of_camera, frame in frames if of_camera == c]
+        if camera.kind == "images":
+            yield from (read_image(camera, camera.paths[frame]) for frame in wanted)
+        elif wanted:
+            frames_to_last = islice(read_frames(camera), wanted[-1] + 1)
+            yield from (image for index, image in frames_to_last if index in wanted)
+
+
+def _alternatives(board: Board, sample: Sequence[Grey]) -> list[Board]:
+    """Other boards that may have been meant, likely ones first."""
+    if isinstance(board, Checkerboard):
+        others: list[Board] = _other_checkerboards(board, sample)
+    elif isinstance(board, Charuco):
+        others = _other_charucos(board)
+    else:
+        others = _other_aprilgrids(board)
+    return [other for other in dict.fromkeys(others) if other != board]
+
+
+def _other_checkerboards(board: Checkerboard, sample: Sequence[Grey]) -> list[Board]:
+    """Sizes that the growing grid reaches, most frequent first; then squares counted instead of inner corners."""
+    votes = Counter(size for grey in sample if (size := _grown_size(grey)) is not None)
+    sizes = [size for size, _ in votes.most_common(4)]
+    long, short = max(board.columns, board.rows), min(board.columns, board.rows)
+    sizes += [(long - 1, short - 1), (long + 1, short + 1)]
+    upright = board.columns < board.rows
+    return [
+        replace(board, columns=min(size) if upright else max(size), rows=max(size) if upright else min(size))
+        for size in sizes
+        if min(size) >= 3 and size != (long, short)
+    ]
+
+
+def _grown_size(grey: Grey) -> tuple[int, int] | None:
+    """Corners along the longer and the shorter side of the checkerboard that a small grid grows to."""
+    scale = min(1.0, (1_000_000 / grey.size) ** 0.5)
+    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    cv2.setRNGSeed(0)
+    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, _, meta = cv2.findChessboardCornersSBWithMeta(small, SMALLEST_GRID, flags)
+    return (max(meta.shape), min(meta.shape)) if found else None
+
+
+def _other_charucos(board: Charuco) -> list[Board]:
+    """Black and white exchanged, columns and rows exchanged, the older layout; inner corners counted, other markers."""
+    printed = [board, replace(board, inverted=not board.inverted)]
+    turned = [replace(b, columns=b.rows, rows=b.columns) for b in printed]
+    counted = [replace(b, columns=b.columns + 1, rows=b.rows + 1) for b in printed]
+    layouts = [*printed, *turned, *(replace(b, legacy=not b.legacy) for b in (*printed, *turned)), *counted]
+    markers = [replace(b, dictionary=name) for name in MARKER_DICTIONARIES for b in printed]
+    return [*layouts, *markers, *(replace(b, marker_ratio=ratio) for ratio in MARKER_RATIOS for b in printed)]
+
+
+def _other_aprilgrids(board: AprilGrid) -> list[Board]:
+    """The other border, columns and rows exchanged, one more or less of each, other families."""
+    borders = [board, replace(board, border_bits=3 - board.border_bits)]
+    turned = [replace(b, columns=b.rows, rows=b.columns) for b in borders]
+    steps = [(c, r) for c in (-1, 0, 1) for r in (-1, 0, 1) if min(board.columns + c, board.rows + r) >= 2]
+    sizes = [replace(board, columns=board.columns + c, rows=board.rows + r) for c, r in steps]
+    return [*borders, *turned, *sizes, *(replace(b, family=name) for name in CODE_BITS for b in borders)]

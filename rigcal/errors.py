@@ -185,11 +185,12 @@ class NoBoardError(DetectionError):
     """A camera in which no board was found, and no other board either."""
 
     def __init__(self, camera_id: str, *, board: str, images: int, tried: Sequence[str]) -> None:
+        shown = ", ".join(tried[:4]) + (f" and {len(tried) - 4} others" if len(tried) > 4 else "")
         super().__init__(
             f"no board found in camera {camera_id}",
             where=f"camera {camera_id}, {images} images",
             expected=f"{board} in at least one image",
-            got=f"0 boards; also tried, and not found: {', '.join(tried)}",
+            got="0 boards" + (f"; not found either in a sample of them: {shown}" if tried else ""),
             do_next="check that the whole board with its white margin is in view, sharp and lit, nearer than "
             "40 squares' width, and that --board counts inner corners (checkerboard) or squares (charuco)",
         )
@@ -198,12 +199,28 @@ class NoBoardError(DetectionError):
 class WrongBoardError(DetectionError):
     """Another board than the one given is in the images."""
 
-    def __init__(self, *, given: str, found: str, found_count: int, given_count: int, images: int, spec: str) -> None:
+    def __init__(
+        self,
+        *,
+        where: str,
+        given: str,
+        given_count: int,
+        found: str,
+        found_count: int,
+        images: int,
+        sampled: bool = False,
+        spec: str | None = None,
+    ) -> None:
+        of = f"of {images} sampled images" if sampled else f"of {images} images"
         super().__init__(
             f"the board is not {given}",
+            where=where,
             expected=f"{given} in most images",
-            got=f"{given} in {given_count} of {images} images; {found} is found in {found_count} of {images}",
-            do_next=f"run again with --board {spec}",
+            got=f"{given} in {given_count} {of}; {found} in {found_count} {of}",
+            do_next=f"run again with --board {spec}"
+            if spec
+            else "count the board's inner corners (checkerboard), squares (charuco) or tags (aprilgrid) and run "
+            "again with --board",
         )
 
 

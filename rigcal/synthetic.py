@@ -224,7 +224,7 @@ def draw_board(board: Board, *, pixels_per_square: int = 40) -> BoardTexture:
         origin_squares = -2.0
     else:
         pattern = _draw_aprilgrid(board, p)
-        origin_squares = -1.0
+        origin_squares = -1.0 - board.spacing
     margin = 0 if isinstance(board, Charuco) and board.inverted else 255
     image = np.pad(pattern, p, constant_values=margin)
     pixels_per_m = p / board.square_size_m
@@ -245,13 +245,16 @@ def opencv_charuco(board: Charuco) -> cv2.aruco.CharucoBoard:
 
 
 def _draw_aprilgrid(board: AprilGrid, pixels_per_tag: int) -> GreyImage:
+    """Tags row by row, and at every corner of a tag the small black square that Kalibr prints there."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
-    pitch = pixels_per_tag * (1 + board.spacing)
-    size = (round(pitch * board.rows), round(pitch * board.columns))
-    image = np.full(size, 255, dtype=np.uint8)
+    gap = round(pixels_per_tag * board.spacing)
+    pitch = pixels_per_tag + gap
+    image = np.full((pitch * board.rows + gap, pitch * board.columns + gap), 255, dtype=np.uint8)
+    for row, column in np.ndindex(board.rows + 1, board.columns + 1):
+        image[row * pitch : row * pitch + gap, column * pitch : column * pitch + gap] = 0
     for tag in range(board.rows * board.columns):
         row, column = divmod(tag, board.columns)
-        top, left = round(row * pitch), round(column * pitch)
+        top, left = row * pitch + gap, column * pitch + gap
         drawn = cv2.aruco.generateImageMarker(dictionary, tag, pixels_per_tag, borderBits=board.border_bits)
         image[top : top + pixels_per_tag, left : left + pixels_per_tag] = drawn
     return image

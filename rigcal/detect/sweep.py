@@ -71,11 +71,11 @@ def detect_boards(
         BrokenFileError: where an image or a video cannot be decoded.
         ImageSizeError: where a camera's images differ in size.
     """
-    with _one_thread_per_image(), ThreadPoolExecutor(workers or _cores()) as pool:
+    with one_thread_per_image(), ThreadPoolExecutor(workers or core_count()) as pool:
         paths = [path for camera in capture.cameras for path in camera.paths]
         sha256 = dict(zip(paths, pool.map(file_sha256, paths), strict=True))
         counter = _Counter(sum(len(camera.frames) for camera in capture.cameras), progress)
-        search = _Search(pool, workers or _cores(), board, cache, sha256, counter)
+        search = _Search(pool, workers or core_count(), board, cache, sha256, counter)
         cameras = tuple(search.camera(camera) for camera in capture.cameras)
     return SiteDetections(board, cameras, instants, capture.digest(sha256))
 
@@ -202,13 +202,17 @@ def _detections(camera: CaptureCamera, found: Mapping[int, FoundBoard]) -> Board
     return BoardDetections(camera.id, camera.size_wh, camera.frames, views, join_findings(findings))
 
 
-def _cores() -> int:
+def core_count() -> int:
+    """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager
-def _one_thread_per_image() -> Iterator[None]:
-    """OpenCV keeps to one thread while the images themselves are searched side by side."""
+def one_thread_per_image() -> Iterator[None]:
+    """OpenCV keeps to one thread while the images themselves are searched side by side.
+
+    With more, the finders' random numbers would also depend on how the threads take turns.
+    """
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
