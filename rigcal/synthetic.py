@@ -282,7 +282,7 @@ class BoardRenderer:
         rng: np.random.Generator,
         background: GreyImage | None = None,
     ) -> GreyImage:
-        """One image (H, W) of the board before a background.
+        """One image (H, W) of the board before a background; from behind, the board is a plain plate.
 
         Args:
             texture: The printed board.
@@ -296,6 +296,8 @@ class BoardRenderer:
         image = np.full((height, width), 110.0, np.float32) if background is None else background.astype(np.float32)
         box = self._box(texture, cam_from_board)
         if box is not None:
+            if cam_from_board.rotation[:, 2] @ cam_from_board.translation_m < 0:
+                texture = replace(texture, image=np.full_like(texture.image, 170))
             left, top, right, bottom = box
             patch, covered = self._patch(texture, cam_from_board, box)
             view = image[top:bottom, left:right]

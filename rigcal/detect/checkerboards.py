@@ -140,25 +140,26 @@ def _fit(grey: Grey, corners: Floats, along_x: Floats, along_y: Floats) -> Cross
     return fit_crossings(grey, corners.reshape(-1, 2), along_x.reshape(-1, 2), along_y.reshape(-1, 2), reach=REACH)
 
 
-def _goes_on(grey: Grey, grid: _Grid) -> bool:
-    """Whether dark and light alternate just beyond a side of the grid: then it is a part of a larger checkerboard.
+def _borders(grey: Grey, grid: _Grid, beyond: float) -> list[float]:
+    """Per side of the grid in view, the share of places ``beyond`` squares outside of it where dark and light alternate.
 
-    The place to look is a quarter of a square beyond where the next corners would be. A margin is of one colour there,
-    and printed boards may end within their last square.
+    Just beyond the last corners they do, in the outermost squares, although these may be cut to less than half. Just
+    beyond where the next corners would be there is a margin of one colour, unless the grid is a part of a larger board.
     """
     p, step = grid.corners_px, 2 * float(np.median(np.abs(grid.contrast)))
     size_px = float(np.sqrt(np.abs(_cell_areas(p)).mean()))
     smooth = cv2.blur(grey, (2 * round(0.1 * size_px) + 1,) * 2).astype(np.float32)
+    shares = []
     for rows in (p, p[::-1], p.transpose(1, 0, 2), p.transpose(1, 0, 2)[::-1]):
         outwards, bend = rows[0] - rows[1], rows[0] - 2 * rows[1] + rows[2]
-        beyond = rows[0] + 1.25 * outwards + 1.25 * 2.25 / 2 * bend
-        between = ((beyond[:-1] + beyond[1:]) / 2).astype(np.float32)
+        line = rows[0] + beyond * outwards + beyond * (beyond + 1) / 2 * bend
+        between = ((line[:-1] + line[1:]) / 2).astype(np.float32)
         seen = (between > 1).all(axis=1) & (between < np.array(grey.shape[::-1]) - 2).all(axis=1)
         values = cv2.remap(smooth, between[:, 0], between[:, 1], cv2.INTER_LINEAR).ravel()
         jumps = (np.diff(values) * (1 - 2 * (np.arange(len(values) - 1) % 2)) / step)[seen[1:] & seen[:-1]]
-        if len(jumps) >= 2 and max((jumps > 0.4).mean(), (jumps < -0.4).mean()) > MOST_BEYOND:
-            return True
-    return False
+        if len(jumps) >= 2:
+            shares.append(float(max((jumps > 0.4).mean(), (jumps < -0.4).mean())))
+    return shares
 
 
 def _in_order(grid: _Grid, board: Checkerboard) -> FoundBoard:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from rigcal.board import AprilGrid, Charuco, Checkerboard
+from rigcal.geometry import Pose
 from rigcal.synthetic import (
     BoardRenderer,
     arc_rig,
@@ -95,3 +96,18 @@ def test_cameras_look_at_the_scene_from_the_arc():
 def test_poses_that_cannot_be_seen_are_refused():
     with pytest.raises(ValueError, match="found 0 of 1 board poses"):
         board_poses_for_pair(RIG, "cam0", "cam1", Checkerboard(9, 6, 3.0), 1, distance_m=(1.0, 1.1), seed=1)
+
+
+def test_the_back_of_a_board_shows_no_pattern():
+    board = Checkerboard(9, 6, 0.1)
+    pose = board_poses_for_pair(RIG, "cam0", "cam1", board, 1, distance_m=(2.0, 5.0), seed=1)[0]
+    camera = RIG.cameras[0]
+    turned = camera.cam_from_rig @ pose @ Pose(np.diag([-1.0, 1.0, -1.0]), np.array([0.8, 0, 0]))
+    renderer = BoardRenderer(camera.camera)
+    front, back = (
+        renderer.render(draw_board(board), seen, noise_dn=0, rng=np.random.default_rng(0))
+        for seen in (camera.cam_from_rig @ pose, turned)
+    )
+    plate = back != 110
+    assert plate.sum() > 5000
+    assert front[plate].std() > 30 > 20 > back[plate].std()
