@@ -271,7 +271,8 @@ def _detect(path: Path, board: Board, site: Site | None, cache: bool) -> SiteDet
 
     capture = open_capture(path, camera_order=[camera.id for camera in site.cameras] if site else None)
     columns = (TextColumn("finding boards"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=_console(stderr=True), transient=True) as bar:
+    console = _console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=None)
         detections = detect_boards(
             capture,

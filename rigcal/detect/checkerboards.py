@@ -2,9 +2,10 @@
 
 The judge is the fit of :mod:`rigcal.detect.crossings`. A finder's corners are kept where nearly all of them are
 crossings whose light and dark quadrants alternate over the grid, evenly spaced. That tells real boards from the grids
-that the exhaustive finder makes up (in 3 of the 28 stills of a real capture). Where dark and light go on to alternate
-beyond the last row, the corners are a part of a larger board and are refused: the older finder finds 8x6 corners in 12
-of 13 images of a 9x6 board.
+that the exhaustive finder makes up (in 3 of the 28 stills of a real capture). Dark and light must alternate just
+beyond the last corners, and no longer a square farther out. So a row too many, at the border of the printed squares, is
+told (9x7 corners were found in 7 of 26 images of a 9x6 board), and a part of a larger board: the older finder finds 8x6
+corners in 12 of 13 images of a 9x6 board.
 
 Order: right-handed as seen from the front, x along the columns. Where columns + rows is odd, the square between
 corners 0, 1, ``columns`` and ``columns + 1`` is dark, as on a board whose top left square is black; OpenCV's older
@@ -32,8 +33,11 @@ REACH = 0.42
 SMALLEST_SQUARE_PX = 4.0
 MOST_BEND = 0.3
 """Distance of a corner from the middle of its neighbours, in squares; 0.06 at the steepest real view."""
-MOST_BEYOND = 0.6
-"""Share of the places beyond a side where colours alternate: 0-0.29 for 90 whole boards, 0.75-1 for parts of them."""
+JUST_BEYOND = 0.25
+"""Squares outside of the last corners: boards are seen whose outermost squares are cut to 0.4 of the others."""
+HALF_ALTERNATING = 0.6
+"""Share of the places along a side. In the outermost squares of 240 finds of whole boards it is 0.71 or more, beyond
+them 0.29 or less; a row of corners too many has 0 where it should have 1, one too few 0.75 or more where 0 is due."""
 LEAST_GOOD = 0.9
 """Share of the corners that must pass; a finger or a reflection may hide the others."""
 WORKING_PX = 1_000_000
@@ -71,8 +75,10 @@ def find_checkerboard(grey: Grey, board: Checkerboard, *, thorough: bool = True)
         grid = _judge(grey, raw)
         if grid is None:
             continue
+        if min(_borders(grey, grid, JUST_BEYOND), default=1.0) < HALF_ALTERNATING:
+            continue
         found = _in_order(grid, board)
-        if not _goes_on(grey, grid):
+        if max(_borders(grey, grid, 1 + JUST_BEYOND), default=0.0) < HALF_ALTERNATING:
             return found
         refused = replace(found, problem=f"a checkerboard larger than {board.columns}x{board.rows} inner corners")
     return refused
@@ -141,7 +147,7 @@ def _fit(grey: Grey, corners: Floats, along_x: Floats, along_y: Floats) -> Cross
 
 
 def _borders(grey: Grey, grid: _Grid, beyond: float) -> list[float]:
-    """Per side of the grid in view, the share of places ``beyond`` squares outside of it where dark and light alternate.
+    """Per side of the grid in view, the share of places that many squares beyond it where dark and light alternate.
 
     Just beyond the last corners they do, in the outermost squares, although these may be cut to less than half. Just
     beyond where the next corners would be there is a margin of one colour, unless the grid is a part of a larger board.

@@ -32,8 +32,9 @@ ANTI_ALIAS_PX = 0.5
 edge sharper than a pixel costs up to 0.4 px; from 0.4 to 0.8 nothing changes."""
 SMALLEST_PIXELS = 12
 """A window with fewer pixels inside the image cannot hold the nine parameters."""
-MOST_MISFIT = 0.6
-"""Corners of real boards stay below 0.33 with glare and 0.1 without; grids that are no boards reach 0.7-0.9."""
+MOST_MISFIT = 0.45
+"""Corners of real boards stay below 0.33 with glare and 0.1 without; grids that are no boards reach 0.7-0.9, the border
+of the printed squares 0.4-0.55."""
 FARTHEST_MOVE = 0.35
 """Of a step: a corner that moved farther from the guess has found another crossing."""
 MOST_STEPS, ENOUGH_PX = 15, 1e-3

@@ -1,8 +1,8 @@
 """From a capture to every board view in it, on all cores, remembering what was searched before.
 
 Frames are searched with the quick finders first. Where a camera's checkerboard views stay few, the thorough finders
-try frames without a board again, spread evenly over the camera's frames: stills taken one by one all get their second
-chance, a long video without a board does not take hours.
+try frames without a board again, spread evenly over the camera's frames, and stop when ten of them showed nothing:
+stills taken one by one get their second chance, a long video without a board does not take hours.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ DETECTOR_VERSION = f"1 opencv {cv2.__version__}"
 """Part of every cache key; the number grows with each change of what finders return."""
 ENOUGH_VIEWS = 30
 """A camera with this many views of a checkerboard is not searched again; lenses need a dozen."""
-MOST_SECOND_CHANCES = 30
-"""Frames of a camera that the thorough finders try, at 0.4-0.8 s each in 2 million pixels."""
+FRAMES_IN_TURN, TURNS = 10, 3
+"""Frames that the thorough finders try in a turn, and turns at most; 0.4-0.8 s for each frame of 2 million pixels."""
 TURNED = "its corners came in the order of a board turned by 180 degrees; put right by the colours of the squares"
 LOOK_AHEAD = 2
 """Images held in memory per worker."""
@@ -128,16 +128,34 @@ class _Search:
         first = [index for index, effort in enumerate(before) if effort == UNSEARCHED]
         self.counter.add(done=len(before) - len(first))
         self._sweep(camera, results, first, QUICK)
-        second = _second_chances(results) if isinstance(self.board, Checkerboard) else []
-        unknown = [index for index in second if results.effort[index] < THOROUGH]
-        self.counter.add(total=len(unknown))
-        self._sweep(camera, results, unknown, THOROUGH)
+        second = self._try_again(camera, results) if isinstance(self.board, Checkerboard) else set()
         for k, path in enumerate(camera.paths):
             part = results.part(k * per_file, per_file)
             if self.cache is not None and part.effort != before[k * per_file : (k + 1) * per_file]:
                 self.cache.store(self._key(path), part.to_arrays())
         counted = {i: b for i, b in results.boards.items() if results.effort[i] == QUICK or i in second}
         return _detections(camera, counted)
+
+    def _try_again(self, camera: CaptureCamera, results: Results) -> set[int]:
+        """Let the thorough finders try some frames in turns, up to a turn that finds nothing; which frames they tried.
+
+        What they found in an earlier run does not count, so that the choice never changes.
+        """
+        missed = [i for i, effort in enumerate(results.effort) if effort == THOROUGH or i not in results.boards]
+        tried: set[int] = set()
+        if not missed or len(results.effort) - len(missed) >= ENOUGH_VIEWS:
+            return tried
+        spread = np.unique(np.linspace(0, len(missed) - 1, TURNS * FRAMES_IN_TURN).round().astype(int))
+        turns = -(-len(spread) // FRAMES_IN_TURN)
+        for turn in (spread[k::turns] for k in range(turns)):
+            frames = {missed[k] for k in turn}
+            unknown = sorted(i for i in frames if results.effort[i] < THOROUGH)
+            self.counter.add(total=len(unknown))
+            self._sweep(camera, results, unknown, THOROUGH)
+            tried |= frames
+            if not frames & results.boards.keys():
+                break
+        return tried
 
     def _stored(self, path: Path) -> dict[str, NDArray[Any]] | None:
         return self.cache.load(self._key(path)) if self.cache is not None else None
@@ -179,16 +197,6 @@ def _loaders(camera: CaptureCamera, wanted: set[int]) -> Iterator[tuple[int, Cal
 
 def _same(image: Grey) -> Grey:
     return image
-
-
-def _second_chances(results: Results) -> list[int]:
-    """Frames for the thorough finders. What those found before does not count, so that the choice never changes."""
-    efforts = results.effort
-    missed = [index for index, effort in enumerate(efforts) if effort == THOROUGH or index not in results.boards]
-    if not missed or len(efforts) - len(missed) >= ENOUGH_VIEWS:
-        return []
-    count = min(len(missed), MOST_SECOND_CHANCES)
-    return [missed[k] for k in np.linspace(0, len(missed) - 1, count).round().astype(int)]
 
 
 def _detections(camera: CaptureCamera, found: Mapping[int, FoundBoard]) -> BoardDetections:

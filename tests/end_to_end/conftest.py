@@ -17,6 +17,7 @@ from rigcal.synthetic import (
     board_poses_for_camera,
     board_poses_for_pair,
     draw_board,
+    exact_detections,
     room_background,
 )
 
@@ -44,7 +45,7 @@ def _own_cache(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def site(tmp_path_factory):
-    """Three cameras, rendered board images of 26 instants, and the truth."""
+    """Three cameras, rendered board images of 26 instants (few without a board, as they cost time), and the truth."""
     folder = tmp_path_factory.mktemp("site")
     rig = arc_rig(3, arc_deg=80, radius_m=4, size_wh=(800, 600), seed=2)
     poses = []
@@ -52,12 +53,15 @@ def site(tmp_path_factory):
         poses += board_poses_for_pair(rig, one, two, BOARD, 7, distance_m=(1.5, 4.5), seed=index)
     for index, one in enumerate(rig.camera_ids):
         poses += board_poses_for_camera(rig, one, BOARD, 4, distance_m=(0.9, 2.5), seed=20 + index)
-    texture = draw_board(BOARD)
+    texture, exact = draw_board(BOARD), exact_detections(rig, BOARD, poses)
     for index, camera in enumerate(rig.cameras):
         (folder / "boards" / camera.id).mkdir(parents=True)
         renderer, rng = BoardRenderer(camera.camera), np.random.default_rng(index)
         background = room_background(camera.camera.size_wh, seed=index)
+        seen = {view.frame_idx for view in exact.cameras[index].views}
         for number, pose in enumerate(poses):
+            if number not in seen and number % 13:
+                continue
             image = renderer.render(texture, camera.cam_from_rig @ pose, rng=rng, background=background)
             assert cv2.imwrite(str(folder / "boards" / camera.id / f"{number:03d}.png"), image)
     return SimpleNamespace(capture=folder / "boards", rig=rig, board=BOARD.spec, folder=folder)
