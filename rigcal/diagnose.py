@@ -34,7 +34,7 @@ LEAST_SHARE = 0.1
 SMALLEST_GRID = (4, 3)
 """Where the growing grid starts: on real images 3x3 and 5x4 grow to the true size less often."""
 MARKER_DICTIONARIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL")
-MARKER_RATIOS = (0.5, 0.6, 0.7, 0.75, 0.8)
+MARKER_RATIOS = (0.75, 0.8, 0.7, 0.6, 0.5)
 
 
 def check_boards(capture: Capture, detections: SiteDetections) -> None:
@@ -100,31 +100,36 @@ class _Count:
 
 
 def _other_board(capture: Capture, detections: SiteDetections, cameras: Sequence[int]) -> _Count | list[str]:
-    """The other board that is found most, or, where none is, what was tried in vain."""
+    """The other board that is found in the most images, or, where none is, what was tried in vain."""
     every = [(c, k) for c in cameras for k in range(len(capture.cameras[c].frames))]
     chosen = [every[k] for k in np.unique(np.linspace(0, len(every) - 1, SAMPLED_IMAGES).round().astype(int))]
     with one_thread_per_image(), ThreadPoolExecutor(core_count()) as pool:
         sample = list(_images(capture, chosen))
-        best, most, tried = None, max(1.0, LEAST_SHARE * len(sample)), []
-        for board in _alternatives(detections.board, sample):
-            tried.append(board.spec)
-            found = sum(pool.map(partial(_finds, board), sample))
-            if found >= most and (best is None or found > most):
-                best, most = board, found
-            if 2 * found >= len(sample):
-                break
-        if best is None:
-            return tried
-        countable = len(every) <= COUNTED_IMAGES and all(capture.cameras[c].kind == "images" for c in cameras)
-        if countable:
-            chosen, most = every, sum(pool.map(partial(_finds, best), _images(capture, every)))
-    seen = {(c, view.frame_idx) for c in cameras for view in detections.cameras[c].views}
-    return _Count(best, round(most), len(seen & set(chosen)), len(chosen), len(chosen) < len(every))
+        tried: list[str] = []
+        for group in _alternatives(detections.board, sample):
+            tried += [board.spec for board in group]
+            scores = [_score(list(pool.map(partial(_corners, board), sample))) for board in group]
+            best = max(range(len(group)), key=scores.__getitem__, default=None)
+            if best is None or scores[best][0] < max(1.0, LEAST_SHARE * len(sample)):
+                continue
+            found = scores[best][0]
+            if len(every) <= COUNTED_IMAGES and all(capture.cameras[c].kind == "images" for c in cameras):
+                chosen = every
+                found, _ = _score(list(pool.map(partial(_corners, group[best]), _images(capture, every))))
+            seen = {(c, view.frame_idx) for c in cameras for view in detections.cameras[c].views}
+            return _Count(group[best], found, len(seen & set(chosen)), len(chosen), len(chosen) < len(every))
+    return tried
 
 
-def _finds(board: Board, grey: Grey) -> bool:
+def _corners(board: Board, grey: Grey) -> int:
+    """Usable corners of a board in an image."""
     found = find_board(grey, board, thorough=False)
-    return found is not None and not found.problem
+    return len(found.corner_ids) if found is not None and not found.problem else 0
+
+
+def _score(corners: Sequence[int]) -> tuple[int, int]:
+    """In how many images a board is found, and with how many corners."""
+    return sum(count > 0 for count in corners), sum(corners)
 
 
 def _images(capture: Capture, frames: Sequence[tuple[int, int]]) -> Iterator[Grey]:
@@ -138,28 +143,30 @@ def _images(capture: Capture, frames: Sequence[tuple[int, int]]) -> Iterator[Gre
             yield from (image for index, image in frames_to_last if index in wanted)
 
 
-def _alternatives(board: Board, sample: Sequence[Grey]) -> list[Board]:
-    """Other boards that may have been meant, likely ones first."""
+def _alternatives(board: Board, sample: Sequence[Grey]) -> list[list[Board]]:
+    """Groups of other boards that may have been meant, likely groups first."""
     if isinstance(board, Checkerboard):
-        others: list[Board] = _other_checkerboards(board, sample)
+        groups: list[list[Board]] = _other_checkerboards(board, sample)
     elif isinstance(board, Charuco):
-        others = _other_charucos(board)
+        groups = _other_charucos(board)
     else:
-        others = _other_aprilgrids(board)
-    return [other for other in dict.fromkeys(others) if other != board]
+        groups = _other_aprilgrids(board)
+    return [[other for other in dict.fromkeys(group) if other != board] for group in groups]
 
 
-def _other_checkerboards(board: Checkerboard, sample: Sequence[Grey]) -> list[Board]:
-    """Sizes that the growing grid reaches, most frequent first; then squares counted instead of inner corners."""
+def _other_checkerboards(board: Checkerboard, sample: Sequence[Grey]) -> list[list[Board]]:
+    """Sizes that the growing grid reaches most often; squares counted instead of inner corners, and the reverse."""
     votes = Counter(size for grey in sample if (size := _grown_size(grey)) is not None)
-    sizes = [size for size, _ in votes.most_common(4)]
     long, short = max(board.columns, board.rows), min(board.columns, board.rows)
-    sizes += [(long - 1, short - 1), (long + 1, short + 1)]
+    groups = [[size for size, _ in votes.most_common(4)], [(long - 1, short - 1), (long + 1, short + 1)]]
     upright = board.columns < board.rows
     return [
-        replace(board, columns=min(size) if upright else max(size), rows=max(size) if upright else min(size))
-        for size in sizes
-        if min(size) >= 3 and size != (long, short)
+        [
+            replace(board, columns=min(size) if upright else max(size), rows=max(size) if upright else min(size))
+            for size in group
+            if min(size) >= 3 and size != (long, short)
+        ]
+        for group in groups
     ]
 
 
@@ -173,20 +180,27 @@ def _grown_size(grey: Grey) -> tuple[int, int] | None:
     return (max(meta.shape), min(meta.shape)) if found else None
 
 
-def _other_charucos(board: Charuco) -> list[Board]:
+def _other_charucos(board: Charuco) -> list[list[Board]]:
     """Black and white exchanged, columns and rows exchanged, the older layout; inner corners counted, other markers."""
     printed = [board, replace(board, inverted=not board.inverted)]
     turned = [replace(b, columns=b.rows, rows=b.columns) for b in printed]
+    older = [replace(b, legacy=not b.legacy) for b in (*printed, *turned)]
     counted = [replace(b, columns=b.columns + 1, rows=b.rows + 1) for b in printed]
-    layouts = [*printed, *turned, *(replace(b, legacy=not b.legacy) for b in (*printed, *turned)), *counted]
     markers = [replace(b, dictionary=name) for name in MARKER_DICTIONARIES for b in printed]
-    return [*layouts, *markers, *(replace(b, marker_ratio=ratio) for ratio in MARKER_RATIOS for b in printed)]
+    ratios = [replace(b, marker_ratio=ratio) for ratio in MARKER_RATIOS for b in printed]
+    return [[*printed], [*turned, *older], [*counted], [*markers], [*ratios]]
 
 
-def _other_aprilgrids(board: AprilGrid) -> list[Board]:
-    """The other border, columns and rows exchanged, one more or less of each, other families."""
+def _other_aprilgrids(board: AprilGrid) -> list[list[Board]]:
+    """The other border, one or two columns or rows more or less, other families.
+
+    More rows than there are change no tag's place, so that the smallest of the grids that show the most corners counts.
+    """
     borders = [board, replace(board, border_bits=3 - board.border_bits)]
-    turned = [replace(b, columns=b.rows, rows=b.columns) for b in borders]
-    steps = [(c, r) for c in (-1, 0, 1) for r in (-1, 0, 1) if min(board.columns + c, board.rows + r) >= 2]
-    sizes = [replace(board, columns=board.columns + c, rows=board.rows + r) for c, r in steps]
-    return [*borders, *turned, *sizes, *(replace(b, family=name) for name in CODE_BITS for b in borders)]
+    sizes = {(board.columns + c, board.rows + r) for c in range(-2, 3) for r in range(-2, 3)} | {
+        (board.rows, board.columns)
+    }
+    grids = [
+        replace(board, columns=c, rows=r) for c, r in sorted(sizes, key=lambda s: (s[0] * s[1], s)) if min(c, r) >= 2
+    ]
+    return [[*borders], [*grids], [replace(b, family=name) for name in CODE_BITS for b in borders]]
