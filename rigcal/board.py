@@ -119,7 +119,7 @@ class AprilGrid:
         """(N, 3) tag corners in metres: per tag (0,0), (size,0), (size,size), (0,size)."""
         pitch = self.tag_size_m * (1 + self.spacing)
         row, column = np.divmod(np.arange(self.rows * self.columns), self.columns)
-        origin = np.stack([column * pitch, row * pitch, np.zeros(len(row))], axis=-1)
+        origin = np.stack([(self.columns - 1 - column) * pitch, row * pitch, np.zeros(len(row))], axis=-1)
         square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * self.tag_size_m
         return np.asarray((origin[:, None] + square[None]).reshape(-1, 3))
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
 
 from rigcal.camera import Camera
 from rigcal.detections import BoardView
@@ -378,13 +379,17 @@ class _System:
         ]
         if any(p[0] <= 0 or p[1] <= 0 for p in params):
             return None
+        turns = Rotation.from_rotvec(board_step[:, :3]).as_matrix()  # one call for all: this is the inner loop
         return State(
             tuple(camera.with_params(p) for camera, p in zip(state.cameras, params, strict=True)),
             tuple(
                 pose.perturbed(d[:3], d[3:6]) if free else pose
                 for pose, d, free in zip(state.cam_from_rig, camera_step, self.freedom.poses, strict=True)
             ),
-            tuple(pose.perturbed(d[:3], d[3:]) for pose, d in zip(state.rig_from_board, board_step, strict=True)),
+            tuple(
+                Pose(delta @ pose.rotation, pose.translation_m + d[3:])
+                for pose, d, delta in zip(state.rig_from_board, board_step, turns, strict=True)
+            ),
         )
 
     def finish(self, state: State, linear: _Linear, iterations: int, converged: bool) -> Solution:

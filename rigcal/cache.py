@@ -43,7 +43,7 @@ class DetectionCache:
     def load(self, key: str) -> dict[str, NDArray[Any]] | None:
         """The arrays stored under ``key``, or None where there are none or the entry is damaged."""
         try:
-            with np.load(self._path(key), allow_pickle=False) as stored:
+            with self._path(key).open("rb") as file, np.load(file, allow_pickle=False) as stored:
                 return {name: stored[name] for name in stored.files}
         except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error):
             return None

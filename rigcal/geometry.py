@@ -111,6 +111,4 @@ class Pose:
     def perturbed(self, rotation_rad: ArrayLike, translation_m: ArrayLike) -> Pose:
         """The pose after the left perturbation ``(exp(rotation_rad) R, t + translation_m)``."""
         delta = Rotation.from_rotvec(np.asarray(rotation_rad, dtype=np.float64)).as_matrix()
-        rotation = delta @ self.rotation
-        u, _, vt = np.linalg.svd(rotation)
-        return Pose(u @ vt, self.translation_m + np.asarray(translation_m, dtype=np.float64))
+        return Pose(delta @ self.rotation, self.translation_m + np.asarray(translation_m, dtype=np.float64))

@@ -36,6 +36,10 @@ class PairwiseOptions:
     """Views that judge the proposals."""
     clip_px: float = 20.0
     """Error at which a view counts as not explained."""
+    agree_px: float = 5.0
+    """Error at which a view agrees with a proposal well enough to start from."""
+    enough: float = 0.9
+    """Share of agreeing views that ends the search."""
     rule: RejectionRule = field(default_factory=RejectionRule)
 
 
@@ -178,7 +182,7 @@ def _posed(
 def _consensus(
     corners: Floats, camera: Camera, posed: Sequence[_Posed], turns: Sequence[bool], options: PairwiseOptions
 ) -> Pose:
-    """The proposal with the least clipped error over the judging views."""
+    """The proposal with the least clipped error over the judging views, or the first that nearly all agree with."""
     judges = [posed[i] for i in _spread(len(posed), options.judges)]
     best: tuple[float, Pose] | None = None
     for i in _spread(len(posed), options.proposals):
@@ -190,6 +194,8 @@ def _consensus(
                 score = float(np.minimum(errors, options.clip_px).sum())
                 if best is None or score < best[0]:
                     best = (score, proposal)
+                if np.mean(errors < options.agree_px) >= options.enough:
+                    return proposal
     if best is None:
         raise ValueError("no view proposed a pose")
     return best[1]
