@@ -9,7 +9,7 @@ demo: $(READY)
 	$(BIN)/python tools/demo.py out/demo
 
 test: $(READY)
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(READY)
 	$(BIN)/ruff check .

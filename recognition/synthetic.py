@@ -14,6 +14,7 @@ from recognition.errors import RigRefusedError
 from rigcal.camera import Camera
 from rigcal.geometry import Floats, Ints, Pose, frozen_array
 from rigcal.rig import Rig, RigCamera
+from rigcal.synthetic import look_at
 
 HEIGHT_M = 1.75
 """A worker."""
@@ -92,22 +93,13 @@ def semicircle_rig(
     lens = Camera("opencv5", size_wh, np.array([focal_px, focal_px, *centre_px, -0.08, 0.03, 4e-4, -3e-4, 0.0]))
     angles = np.linspace(0.0, np.pi, cameras) if cameras > 1 else np.array([np.pi / 2])
     stands = [np.array([radius_m * np.cos(a), radius_m * np.sin(a), height_m]) for a in angles]
-    cam_from_world = [_looking_at(stand, np.array([0.0, 0.0, 1.0])) for stand in stands]
+    cam_from_world = [look_at(stand, (0.0, 0.0, 1.0)) for stand in stands]
     world_from_rig = cam_from_world[0].inverse()
     mounted = tuple(
         RigCamera(f"cam{i}", lens, Pose.identity() if i == 0 else pose @ world_from_rig)
         for i, pose in enumerate(cam_from_world)
     )
     return Rig("simulated", mounted, "cam0", "PASS", world_from_rig=world_from_rig)
-
-
-def _looking_at(stand: Floats, target: Floats) -> Pose:
-    """``cam_from_world`` of a level camera at ``stand`` whose axis meets ``target``."""
-    forward = (target - stand) / np.linalg.norm(target - stand)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    return Pose(rotation, -rotation @ stand)
 
 
 def simulate(

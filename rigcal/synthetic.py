@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from rigcal.board import AprilGrid, Board, Charuco, Checkerboard
@@ -27,7 +27,7 @@ from rigcal.rig import Rig, RigCamera
 GreyImage = NDArray[np.uint8]
 
 
-def look_at(position_m: Sequence[float], target_m: Sequence[float]) -> Pose:
+def look_at(position_m: ArrayLike, target_m: ArrayLike) -> Pose:
     """``cam_from_world`` of a camera at ``position_m`` (3,) that looks at ``target_m`` (3,), world z up."""
     centre = np.asarray(position_m, dtype=np.float64)
     forward = np.asarray(target_m, dtype=np.float64) - centre
