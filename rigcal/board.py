@@ -93,7 +93,10 @@ class Charuco:
 
 @dataclass(frozen=True, slots=True)
 class AprilGrid:
-    """A Kalibr AprilGrid. Corner ``4 * tag + k``: tags row by row, k in the tag detector's corner order."""
+    """A Kalibr AprilGrid. Corner ``4 * tag + k``: tags row by row, k in the tag detector's corner order.
+
+    With the tags upright, each row runs from right to left: so do the grids that Kalibr prints.
+    """
 
     columns: int
     """Tags along x."""

@@ -245,7 +245,7 @@ def opencv_charuco(board: Charuco) -> cv2.aruco.CharucoBoard:
 
 
 def _draw_aprilgrid(board: AprilGrid, pixels_per_tag: int) -> GreyImage:
-    """Tags row by row, and at every corner of a tag the small black square that Kalibr prints there."""
+    """Tags where the board's corners have them, and at every corner of a tag Kalibr's small black square."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
     gap = round(pixels_per_tag * board.spacing)
     pitch = pixels_per_tag + gap
@@ -254,7 +254,7 @@ def _draw_aprilgrid(board: AprilGrid, pixels_per_tag: int) -> GreyImage:
         image[row * pitch : row * pitch + gap, column * pitch : column * pitch + gap] = 0
     for tag in range(board.rows * board.columns):
         row, column = divmod(tag, board.columns)
-        top, left = row * pitch + gap, column * pitch + gap
+        top, left = row * pitch + gap, (board.columns - 1 - column) * pitch + gap
         drawn = cv2.aruco.generateImageMarker(dictionary, tag, pixels_per_tag, borderBits=board.border_bits)
         image[top : top + pixels_per_tag, left : left + pixels_per_tag] = drawn
     return image
