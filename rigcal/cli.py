@@ -45,7 +45,10 @@ SiteOption = Annotated[
     Path | None, typer.Option("--site", metavar="FILE", help="Site file, NAME.site.toml: cameras, board, limits.")
 ]
 ModelOption = Annotated[
-    str, typer.Option("--model", help="Lens model where the site file names none: opencv4, opencv5, opencv8, fisheye4.")
+    str,
+    typer.Option(
+        "--model", help="Lens model where the site file names none: auto, opencv4, opencv5, opencv8 or fisheye4."
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
 CacheOption = Annotated[bool, typer.Option("--cache/--no-cache", help="Keep and reuse board detections.")]
@@ -61,7 +64,7 @@ def calibrate(
         Path | None,
         typer.Option(metavar="CAPTURE|FILE", help="Lenses from another capture, a lens file or a rig file."),
     ] = None,
-    model: ModelOption = "opencv5",
+    model: ModelOption = "auto",
     cache: CacheOption = True,
     as_json: JsonOption = False,
 ) -> None:
@@ -86,7 +89,7 @@ def extrinsics(
     as_json: JsonOption = False,
 ) -> None:
     """Place cameras whose lenses are known: calibrate with --intrinsics."""
-    document = _calibrate("extrinsics", capture, output, board, site, intrinsics, "opencv5", cache)
+    document = _calibrate("extrinsics", capture, output, board, site, intrinsics, "auto", cache)
     _finish(document, output, as_json)
 
 
@@ -98,7 +101,7 @@ def intrinsics(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="OUT.json", help="The lens file to write.")
     ] = None,
-    model: ModelOption = "opencv5",
+    model: ModelOption = "auto",
     cache: CacheOption = True,
     as_json: JsonOption = False,
 ) -> None:
@@ -319,11 +322,10 @@ def _site(path: Path | None) -> Site | None:
 
 
 def _options(model: str, *, lenses_free: bool = True) -> CalibrateOptions:
-    from rigcal.intrinsics import IntrinsicsOptions
     from rigcal.pipeline import CalibrateOptions
     from rigcal.refine import RefineOptions
 
-    return CalibrateOptions(model, intrinsics=IntrinsicsOptions(model), refine=RefineOptions(free_lenses=lenses_free))
+    return CalibrateOptions(model, refine=RefineOptions(free_lenses=lenses_free))
 
 
 def _write_report(document: RigDocument, rig: Path, output: Path) -> None:

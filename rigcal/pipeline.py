@@ -7,7 +7,7 @@ file, the report and the terminal say comes from the one value returned here.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 
 import numpy as np
@@ -16,12 +16,13 @@ from rigcal import __version__
 from rigcal.board import Checkerboard, board_to_dict
 from rigcal.boardpose import board_poses
 from rigcal.bundle import rmse_px
+from rigcal.camera import MODELS
 from rigcal.detections import BoardView, Finding, SiteDetections, join_findings
-from rigcal.errors import CalibrationError
+from rigcal.errors import CalibrationError, OptionError
 from rigcal.evidence import Evidence
 from rigcal.geometry import Floats
 from rigcal.graph import Chain, chain_to_reference
-from rigcal.intrinsics import IntrinsicsOptions, IntrinsicsResult, calibrate_camera, hold_camera
+from rigcal.intrinsics import IntrinsicsOptions, IntrinsicsResult, calibrate_camera, choose_model, hold_camera
 from rigcal.lensfile import KnownLens, findings_entries
 from rigcal.pairwise import PairPose, PairwiseOptions, solve_pair, turned_view
 from rigcal.quality import (
@@ -37,16 +38,26 @@ from rigcal.refine import JointResult, RefineOptions, refine_rig
 from rigcal.rigdocument import PoseEntry, RigDocument
 from rigcal.site import GateLimits, Site
 
+AUTO = "auto"
+
 
 @dataclass(frozen=True, slots=True)
 class CalibrateOptions:
-    """Options of every stage."""
+    """Options of every stage.
 
-    model: str = "opencv5"
-    """Lens model of cameras for which the site file names none."""
+    Raises:
+        OptionError: for an unknown model.
+    """
+
+    model: str = "auto"
+    """Lens model of cameras for which the site file names none; ``auto`` chooses each camera's by held-out error."""
     intrinsics: IntrinsicsOptions = field(default_factory=IntrinsicsOptions)
     pairwise: PairwiseOptions = field(default_factory=PairwiseOptions)
     refine: RefineOptions = field(default_factory=RefineOptions)
+
+    def __post_init__(self) -> None:
+        if self.model != AUTO and self.model not in MODELS:
+            raise OptionError("model", expected="auto or one of " + ", ".join(MODELS), got=self.model)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +103,9 @@ def calibrate_lenses(
     for camera in detections.cameras:
         declared = site.camera(camera.camera_id) if site else None
         model = declared.model if declared and declared.model else options.model
-        lens_options = IntrinsicsOptions(model, options.intrinsics.min_corners, options.intrinsics.rule)
-        results.append(calibrate_camera(camera, detections.board, lens_options))
+        if model == AUTO:
+            model = choose_model(camera, detections.board, options.intrinsics)
+        results.append(calibrate_camera(camera, detections.board, replace(options.intrinsics, model=model)))
     return tuple(results)
 
 

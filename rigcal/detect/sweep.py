@@ -36,7 +36,7 @@ ENOUGH_VIEWS = 30
 """A camera with this many views of a checkerboard is not searched again; lenses need a dozen."""
 FRAMES_IN_TURN, TURNS = 10, 3
 """Frames that the thorough finders try in a turn, and turns at most; 0.4-0.8 s for each frame of 2 million pixels."""
-TURNED = "its corners came in the order of a board turned by 180 degrees; put right by the colours of the squares"
+TURNED = "its corners came turned by 180 degrees; put right by the colours of the squares"
 LOOK_AHEAD = 2
 """Images held in memory per worker."""
 

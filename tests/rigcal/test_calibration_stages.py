@@ -13,7 +13,7 @@ from rigcal.detections import BoardView, shared_views
 from rigcal.errors import ImageSizeError, NotConnectedError, OptionError, TooFewViewsError
 from rigcal.geometry import Pose
 from rigcal.graph import chain_to_reference
-from rigcal.intrinsics import IntrinsicsOptions, calibrate_camera, hold_camera
+from rigcal.intrinsics import IntrinsicsOptions, calibrate_camera, choose_model, hold_camera
 from rigcal.pairwise import PairPose, PairwiseOptions, solve_pair, turned_view
 from rigcal.pipeline import CalibrateOptions, calibrate_lenses, calibrate_site
 from rigcal.refine import RefineOptions, refine_rig
@@ -74,6 +74,20 @@ def test_a_lens_is_exact_without_noise(model):
     assert np.abs(result.camera.undistort(pixels) - rig.cameras[0].camera.undistort(pixels)).max() < 1e-6
 
 
+@pytest.mark.parametrize(
+    ("model", "chosen"), [("opencv4", "opencv5"), ("opencv8", "opencv5"), ("fisheye4", "fisheye4")]
+)
+def test_the_model_is_chosen_by_views_kept_out(model, chosen):
+    _, detections = capture(2, model=model)
+    assert choose_model(detections.cameras[0], BOARD, IntrinsicsOptions()) == chosen
+
+
+def test_with_few_views_the_ordinary_model_is_kept():
+    _, detections = capture(2, model="fisheye4")
+    few = replace(detections.cameras[0], views=detections.cameras[0].views[:4])
+    assert choose_model(few, BOARD, IntrinsicsOptions()) == "opencv5"
+
+
 def test_a_bad_view_is_named_and_does_not_harm_the_lens():
     _, detections = capture(2)
     clean = calibrate_camera(detections.cameras[0], BOARD, IntrinsicsOptions())
@@ -104,6 +118,8 @@ def test_options_outside_their_range_are_refused():
         IntrinsicsOptions("pinhole")
     with pytest.raises(OptionError, match="option min_corners is out of range"):
         IntrinsicsOptions(min_corners=3)
+    with pytest.raises(OptionError, match="option model is out of range"):
+        CalibrateOptions("pinhole")
 
 
 def test_a_lens_of_another_image_size_is_refused():

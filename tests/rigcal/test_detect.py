@@ -400,7 +400,7 @@ def test_frames_whose_order_is_turned_against_the_majority_are_named(pretended):
     (camera,) = detect(capture).cameras
     assert [(f.frame, f.action) for f in camera.findings] == [("20", "unflipped"), ("27", "unflipped")]
     assert camera.findings[0].reason == (
-        "its corners came in the order of a board turned by 180 degrees; put right by the colours of the squares"
+        "its corners came turned by 180 degrees; put right by the colours of the squares"
     )
     assert len(camera.views) == 40
 
