@@ -26,8 +26,8 @@ MIN_VIEWS = 3
 AUTO_MODELS = ("opencv5", "fisheye4")
 """Models that are chosen from, the one that is kept when in doubt first."""
 AUTO_MARGIN = 0.3
-"""Held-out error relative to the first model's, below which the other is chosen. Simulated fisheye lenses of 120 degrees
-have 0.13 and less; twelve real cameras with ordinary lenses 0.39 (few small boards) and more."""
+"""Held-out error relative to the first model's, below which the other is chosen. Simulated fisheye lenses of 120
+degrees have 0.13 and less; twelve real cameras with ordinary lenses 0.39 (few small boards) and more."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,16 +32,20 @@ from recognition.triangulation import triangulate_objects, triangulate_people
 from rigcal._colmap import solve_with_colmap
 from rigcal.board import Checkerboard
 from rigcal.bundle import SolveOptions, solve
+from rigcal.detect import find_board
 from rigcal.detections import SiteDetections
 from rigcal.pipeline import CalibrateOptions, calibrate_lenses, calibrate_site
 from rigcal.rig import Rig
 from rigcal.rigfile import document_of_rig, read_rigfile, rig_of, write_rigfile
 from rigcal.site import GateLimits
 from rigcal.synthetic import (
+    BoardRenderer,
     arc_rig,
     board_poses_for_camera,
     board_poses_for_pair,
+    draw_board,
     exact_detections,
+    room_background,
 )
 from rigcal.synthetic import with_noise as corner_noise
 
@@ -69,6 +73,48 @@ def ring(cameras: int, seed: int) -> tuple[Rig, SiteDetections]:
         poses += board_poses_for_camera(rig, one, BOARD, 10, distance_m=(0.7, 2.2), seed=seed + 50 + index)
         seen += [(one, two)] * 20 + [(one,)] * 10
     return rig, corner_noise(exact_detections(rig, BOARD, poses, seen_by=seen), 0.2, seed=seed)
+
+
+def detection() -> Iterator[Line]:
+    """Boards in rendered 1080p images, beside OpenCV's sector-based finder at full size, on one thread."""
+    rig = arc_rig(2, arc_deg=50)
+    camera, texture, rng = rig.cameras[0], draw_board(BOARD), np.random.default_rng(0)
+    renderer, background = BoardRenderer(camera.camera), room_background(camera.camera.size_wh, seed=0)
+    poses = board_poses_for_pair(rig, "cam0", "cam1", BOARD, 12, distance_m=(1.5, 4.5), seed=0)
+    truth = [view.corners_px for view in exact_detections(rig, BOARD, poses).cameras[0].views]
+    images = [renderer.render(texture, camera.cam_from_rig @ p, rng=rng, background=background) for p in poses]
+    empty = [room_background(camera.camera.size_wh, seed=seed) for seed in range(1, 5)]
+    size = (BOARD.columns, BOARD.rows)
+
+    def ours(image: Any) -> Any:
+        found = find_board(image, BOARD, thorough=False)
+        return None if found is None or len(found.corner_ids) < len(truth[0]) else found.corners_px
+
+    def opencv(image: Any) -> Any:
+        found, corners = cv2.findChessboardCornersSB(image, size, flags=0)
+        return corners.reshape(-1, 2) if found else None
+
+    cv2.setNumThreads(1)
+    line: dict[str, Any] = {"name": "detection.checkerboard_1080p", "images": len(images)}
+    for name, find in (("ours", ours), ("opencv_sb", opencv)):
+        found = [(find(image), corners) for image, corners in zip(images, truth, strict=True)]
+        errors = [
+            min(np.sqrt(((order - corners) ** 2).sum(axis=1).mean()) for order in (pixels, pixels[::-1]))
+            for pixels, corners in found
+            if pixels is not None
+        ]
+        line |= {
+            f"{name}_found": len(errors),
+            f"{name}_error_px": float(np.median(errors)),
+            f"{name}_ms": 1e3 * float(np.median([median_s(lambda i=i, f=find: f(i), repeats=1) for i in images])),
+            f"{name}_empty_ms": 1e3 * float(np.median([median_s(lambda i=i, f=find: f(i), repeats=1) for i in empty])),
+        }
+    cv2.setNumThreads(-1)
+    yield line | {
+        "ratio_error": line["ours_error_px"] / line["opencv_sb_error_px"],
+        "ratio_ms": line["ours_ms"] / line["opencv_sb_ms"],
+        "ratio_empty_ms": line["ours_empty_ms"] / line["opencv_sb_empty_ms"],
+    }
 
 
 def joint_solve() -> Iterator[Line]:
@@ -215,6 +261,7 @@ def recording() -> Iterator[Line]:
 
 
 BENCHMARKS: Mapping[str, Callable[[], Iterator[Line]]] = {
+    "detection": detection,
     "joint_solve": joint_solve,
     "frame_set": frame_set,
     "recording": recording,
