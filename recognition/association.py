@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -27,7 +26,7 @@ from scipy.optimize import linear_sum_assignment
 from recognition.epipolar import RigGeometry
 from recognition.observations import ViewDetections
 from rigcal.errors import OptionError
-from rigcal.geometry import Floats, Ints, frozen_array
+from rigcal.geometry import Floats, Ints, freeze
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,14 +80,8 @@ class Groups:
 
     def __post_init__(self) -> None:
         views = self.members.shape[1]
-        checks: tuple[tuple[str, Any, tuple[int | None, ...]], ...] = (
-            ("members", np.int64, (None, views)),
-            ("cost_px", np.float64, self.members.shape),
-            ("discarded", np.int64, (views,)),
-            ("rejected", np.int64, (views,)),
-        )
-        for name, dtype, shape in checks:
-            object.__setattr__(self, name, frozen_array(getattr(self, name), dtype, name, shape))
+        freeze(self, np.int64, members=(None, views), discarded=(views,), rejected=(views,))
+        freeze(self, np.float64, cost_px=self.members.shape)
 
 
 @dataclass(frozen=True, slots=True)

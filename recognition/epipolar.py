@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from recognition.observations import ViewDetections
 from rigcal.camera import Camera
-from rigcal.geometry import Floats, frozen_array
+from rigcal.geometry import Floats, freeze
 from rigcal.rig import Rig
 
 MIN_BASELINE_M = 1e-3
@@ -43,14 +43,8 @@ class RigGeometry:
 
     def __post_init__(self) -> None:
         count = len(self.cameras)
-        shapes = {
-            "rotation": (count, 3, 3),
-            "translation_m": (count, 3),
-            "focal_px": (count, 2),
-            "fundamental": (count, count, 3, 3),
-        }
-        for name, shape in shapes.items():
-            object.__setattr__(self, name, frozen_array(getattr(self, name), np.float64, name, shape))
+        freeze(self, np.float64, rotation=(count, 3, 3), translation_m=(count, 3), focal_px=(count, 2))
+        freeze(self, np.float64, fundamental=(count, count, 3, 3))
 
     @classmethod
     def of(cls, rig: Rig) -> RigGeometry:

@@ -7,12 +7,11 @@ cameras, in rig order.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcal.geometry import Floats, Ints, frozen_array
+from rigcal.geometry import Floats, Ints, freeze
 
 JOINTS = (
     "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow",
@@ -45,14 +44,8 @@ class ViewDetections:
 
     def __post_init__(self) -> None:
         people, objects = len(self.people_px), len(self.object_class)
-        checks: tuple[tuple[str, tuple[int | None, ...]], ...] = (
-            ("people_px", (people, 17, 2)),
-            ("people_score", (people, 17)),
-            ("object_xyxy", (objects, 4)),
-            ("object_score", (objects,)),
-        )
-        for name, shape in checks:
-            object.__setattr__(self, name, frozen_array(getattr(self, name), np.float64, name, shape))
+        freeze(self, np.float64, people_px=(people, 17, 2), people_score=(people, 17))
+        freeze(self, np.float64, object_xyxy=(objects, 4), object_score=(objects,))
 
     @classmethod
     def empty(cls) -> ViewDetections:
@@ -108,14 +101,8 @@ class People3D:
 
     def __post_init__(self) -> None:
         count = len(self.joints_m)
-        checks: tuple[tuple[str, Any, tuple[int | None, ...]], ...] = (
-            ("joints_m", np.float64, (count, 17, 3)),
-            ("views", np.int64, (count, 17)),
-            ("error_px", np.float64, (count, 17)),
-            ("members", np.int64, (count, None)),
-        )
-        for name, dtype, shape in checks:
-            object.__setattr__(self, name, frozen_array(getattr(self, name), dtype, name, shape))
+        freeze(self, np.float64, joints_m=(count, 17, 3), error_px=(count, 17))
+        freeze(self, np.int64, views=(count, 17), members=(count, None))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,14 +122,8 @@ class Objects3D:
 
     def __post_init__(self) -> None:
         count = len(self.classes)
-        checks: tuple[tuple[str, Any, tuple[int | None, ...]], ...] = (
-            ("centre_m", np.float64, (count, 3)),
-            ("views", np.int64, (count,)),
-            ("error_px", np.float64, (count,)),
-            ("members", np.int64, (count, None)),
-        )
-        for name, dtype, shape in checks:
-            object.__setattr__(self, name, frozen_array(getattr(self, name), dtype, name, shape))
+        freeze(self, np.float64, centre_m=(count, 3), error_px=(count,))
+        freeze(self, np.int64, views=(count,), members=(count, None))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

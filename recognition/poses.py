@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from recognition.observations import Scene
-from rigcal.geometry import Floats, Ints, Pose, frozen_array
+from rigcal.geometry import Floats, Ints, Pose, freeze
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,10 +29,8 @@ class Poses:
 
     def __post_init__(self) -> None:
         count = len(self.frame)
-        for name in ("frame", "t_ns", "track_id"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), np.int64, name, (count,)))
-        object.__setattr__(self, "joints_m", frozen_array(self.joints_m, np.float64, "joints_m", (count, 17, 3)))
-        object.__setattr__(self, "views", frozen_array(self.views, np.int64, "views", (count, 17)))
+        freeze(self, np.int64, frame=(count,), t_ns=(count,), track_id=(count,), views=(count, 17))
+        freeze(self, np.float64, joints_m=(count, 17, 3))
 
     @classmethod
     def of(cls, scenes: Sequence[Scene], world_from_rig: Pose | None) -> Poses:

@@ -12,7 +12,7 @@ import numpy as np
 
 from recognition.errors import RigRefusedError
 from rigcal.camera import Camera
-from rigcal.geometry import Floats, Ints, Pose, frozen_array
+from rigcal.geometry import Floats, Ints, Pose, freeze
 from rigcal.rig import Rig, RigCamera
 from rigcal.synthetic import look_at
 
@@ -67,14 +67,9 @@ class Site:
 
     def __post_init__(self) -> None:
         frames, workers, objects = len(self.t_ns), self.joints_in_world_m.shape[1], len(self.object_class)
-        object.__setattr__(self, "t_ns", frozen_array(self.t_ns, np.int64, "t_ns", (frames,)))
-        shapes = {
-            "joints_in_world_m": (frames, workers, 17, 3),
-            "object_centre_in_world_m": (frames, objects, 3),
-            "object_size_m": (objects, 3),
-        }
-        for name, shape in shapes.items():
-            object.__setattr__(self, name, frozen_array(getattr(self, name), np.float64, name, shape))
+        freeze(self, np.int64, t_ns=(frames,))
+        freeze(self, np.float64, joints_in_world_m=(frames, workers, 17, 3), object_size_m=(objects, 3))
+        freeze(self, np.float64, object_centre_in_world_m=(frames, objects, 3))
 
 
 def semicircle_rig(

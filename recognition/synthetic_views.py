@@ -15,7 +15,7 @@ from recognition.observations import ViewDetections
 from recognition.synthetic import CLASSES, Site, walking
 from rigcal.camera import Camera
 from rigcal.errors import OptionError
-from rigcal.geometry import Bools, Floats, Ints, Pose, frozen_array
+from rigcal.geometry import Bools, Floats, Ints, Pose, freeze
 from rigcal.rig import Rig
 
 _FOLDED = 1e-6
@@ -33,11 +33,8 @@ class LabelledView:
     """(K,) index into the site's objects; -1 for a false detection."""
 
     def __post_init__(self) -> None:
-        for name, count in (
-            ("worker_idx", len(self.detections.people_px)),
-            ("object_idx", len(self.detections.object_class)),
-        ):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), np.int64, name, (count,)))
+        people, objects = len(self.detections.people_px), len(self.detections.object_class)
+        freeze(self, np.int64, worker_idx=(people,), object_idx=(objects,))
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ import numpy as np
 from recognition.association import match
 from recognition.observations import Objects3D, ObjectTrack, People3D, Scene, WorkerTrack
 from rigcal.errors import OptionError
-from rigcal.geometry import Bools, Floats, Ints, Pose, frozen_array
+from rigcal.geometry import Bools, Floats, Ints, Pose, freeze
 
 _WORKER = "worker"
 
@@ -89,7 +89,7 @@ class Sighting:
     t_ns: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points_m", frozen_array(self.points_m, np.float64, "points_m", (None, 3)))
+        freeze(self, np.float64, points_m=(None, 3))
 
 
 @dataclass(frozen=True, slots=True)

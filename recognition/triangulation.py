@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +23,7 @@ from numpy.typing import ArrayLike
 from recognition.association import Association
 from recognition.epipolar import RigGeometry
 from recognition.observations import JOINTS, Objects3D, People3D, ViewDetections
-from rigcal.geometry import Bools, Floats, Ints, frozen_array
+from rigcal.geometry import Bools, Floats, Ints, freeze
 
 MIN_PARALLAX_RAD = 0.05
 """Points whose rays all meet at less than this angle (2.9 degrees) are refused: along the rays an error is
@@ -50,13 +49,8 @@ class Points3D:
 
     def __post_init__(self) -> None:
         count = len(self.points_m)
-        checks: tuple[tuple[str, Any, tuple[int | None, ...]], ...] = (
-            ("points_m", np.float64, (count, 3)),
-            ("views", np.int64, (count,)),
-            ("error_px", np.float64, (count,)),
-        )
-        for name, dtype, shape in checks:
-            object.__setattr__(self, name, frozen_array(getattr(self, name), dtype, name, shape))
+        freeze(self, np.float64, points_m=(count, 3), error_px=(count,))
+        freeze(self, np.int64, views=(count,))
 
 
 def triangulate_people(geometry: RigGeometry, views: Sequence[ViewDetections], association: Association) -> People3D:

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from rigcal.camera import Camera
 from rigcal.detections import BoardView
-from rigcal.geometry import Bools, Floats, Ints, Pose, frozen_array
+from rigcal.geometry import Bools, Floats, Ints, Pose, freeze
 
 POSE = 6  # rotation (3) then translation (3)
 _EXACT_PX = 1e-7  # residual below which there is nothing left to gain: a thousandth of the rounding in a detector
@@ -54,12 +54,8 @@ class Observations:
         order = np.lexsort((self.board_idx, self.camera_idx))
         if (np.diff(order) < 0).any():
             raise ValueError("observations must be sorted by camera, then board")
-        object.__setattr__(
-            self, "corners_in_board", frozen_array(self.corners_in_board, np.float64, "corners_in_board", (None, 3))
-        )
-        object.__setattr__(self, "pixels", frozen_array(self.pixels, np.float64, "pixels", (count, 2)))
-        for name in ("camera_idx", "board_idx", "frame_idx", "corner_ids"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), np.int64, name, (count,)))
+        freeze(self, np.float64, corners_in_board=(None, 3), pixels=(count, 2))
+        freeze(self, np.int64, camera_idx=(count,), board_idx=(count,), frame_idx=(count,), corner_ids=(count,))
 
     @classmethod
     def of(cls, corners_in_board: Floats, entries: Sequence[tuple[int, int, BoardView]]) -> Observations:

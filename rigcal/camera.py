@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rigcal.geometry import Floats, frozen_array
+from rigcal.geometry import Floats, freeze
 
 FOCAL_AND_CENTRE = ("fx", "fy", "cx", "cy")
 MODELS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -49,10 +49,9 @@ class Camera:
     def __post_init__(self) -> None:
         if self.model not in MODELS:
             raise ValueError(f"unknown lens model {self.model!r}: one of {', '.join(MODELS)}")
-        params = frozen_array(self.params, np.float64, "params", (len(MODELS[self.model]),))
-        if not np.isfinite(params).all() or params[0] <= 0 or params[1] <= 0:
-            raise ValueError(f"lens coefficients must be finite and focal lengths positive: {params.tolist()}")
-        object.__setattr__(self, "params", params)
+        freeze(self, np.float64, params=(len(MODELS[self.model]),))
+        if not np.isfinite(self.params).all() or self.params[0] <= 0 or self.params[1] <= 0:
+            raise ValueError(f"lens coefficients must be finite and focal lengths positive: {self.params.tolist()}")
         object.__setattr__(self, "size_wh", (int(self.size_wh[0]), int(self.size_wh[1])))
 
     @classmethod

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rigcal.board import Board
-from rigcal.geometry import Floats, Ints, frozen_array
+from rigcal.geometry import Floats, Ints, freeze
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +35,8 @@ class BoardView:
     """(n, 2) pixels, distorted, origin at the centre of the top-left pixel."""
 
     def __post_init__(self) -> None:
-        ids = frozen_array(self.corner_ids, np.int64, "corner_ids", (None,))
-        object.__setattr__(self, "corner_ids", ids)
-        object.__setattr__(self, "corners_px", frozen_array(self.corners_px, np.float64, "corners_px", (len(ids), 2)))
+        freeze(self, np.int64, corner_ids=(None,))
+        freeze(self, np.float64, corners_px=(len(self.corner_ids), 2))
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,10 +67,9 @@ class Instants:
     """(I,) greatest time difference within each instant in seconds; zeros where the rule knows no times."""
 
     def __post_init__(self) -> None:
-        frame_idx = frozen_array(self.frame_idx, np.int64, "frame_idx", (None, None))
-        object.__setattr__(self, "frame_idx", frame_idx)
-        for name in ("t_s", "spread_s"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), np.float64, name, (len(frame_idx),)))
+        freeze(self, np.int64, frame_idx=(None, None))
+        count = len(self.frame_idx)
+        freeze(self, np.float64, t_s=(count,), spread_s=(count,))
 
 
 @dataclass(frozen=True, slots=True)

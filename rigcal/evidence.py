@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rigcal.errors import BrokenFileError
-from rigcal.geometry import Bools, Floats, Ints, frozen_array
+from rigcal.geometry import Bools, Floats, Ints, freeze
 
 SUFFIX = ".residuals.npz"
 
@@ -38,16 +38,9 @@ class Evidence:
 
     def __post_init__(self) -> None:
         count = len(self.camera_idx)
-        for name, dtype, shape in (
-            ("camera_idx", np.int64, (count,)),
-            ("frame_idx", np.int64, (count,)),
-            ("corner_ids", np.int64, (count,)),
-            ("used", np.bool_, (count,)),
-            ("pixels", np.float64, (count, 2)),
-            ("residuals_px", np.float64, (count, 2)),
-            ("board_centres_m", np.float64, (None, 3)),
-        ):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), dtype, name, shape))
+        freeze(self, np.int64, camera_idx=(count,), frame_idx=(count,), corner_ids=(count,))
+        freeze(self, np.bool_, used=(count,))
+        freeze(self, np.float64, pixels=(count, 2), residuals_px=(count, 2), board_centres_m=(None, 3))
 
 
 def beside(rig_path: Path, suffix: str) -> Path:

@@ -22,15 +22,18 @@ Ints: TypeAlias = NDArray[np.int64]
 Bools: TypeAlias = NDArray[np.bool_]
 
 
-def frozen_array(values: ArrayLike, dtype: Any, name: str, shape: tuple[int | None, ...]) -> NDArray[Any]:
-    """A read-only copy of ``values``, checked against ``shape`` (None: any length on that axis)."""
-    array = np.array(values, dtype=dtype)
-    if array.ndim != len(shape) or any(
-        want is not None and want != got for want, got in zip(shape, array.shape, strict=True)
-    ):
-        raise ValueError(f"{name}: expected shape {shape}, got {array.shape}")
-    array.setflags(write=False)
-    return array
+def freeze(instance: object, dtype: Any, **shapes: tuple[int | None, ...]) -> None:
+    """Replace the named fields of a frozen dataclass by read-only copies: for its ``__post_init__``.
+
+    Raises:
+        ValueError: where a field does not have its shape (None: any length on that axis).
+    """
+    for name, shape in shapes.items():
+        array = np.array(getattr(instance, name), dtype=dtype)
+        if array.ndim != len(shape) or any(w not in (None, n) for w, n in zip(shape, array.shape, strict=True)):
+            raise ValueError(f"{name}: expected shape {shape}, got {array.shape}")
+        array.setflags(write=False)
+        object.__setattr__(instance, name, array)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,14 +51,11 @@ class Pose:
     """(3,) metres, in the target's frame."""
 
     def __post_init__(self) -> None:
-        rotation = frozen_array(self.rotation, np.float64, "rotation", (3, 3))
-        translation_m = frozen_array(self.translation_m, np.float64, "translation_m", (3,))
-        if not (np.isfinite(rotation).all() and np.isfinite(translation_m).all()):
+        freeze(self, np.float64, rotation=(3, 3), translation_m=(3,))
+        if not (np.isfinite(self.rotation).all() and np.isfinite(self.translation_m).all()):
             raise ValueError("a pose must be finite")
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
-            raise ValueError(f"not a rotation matrix: {rotation.tolist()}")
-        object.__setattr__(self, "rotation", rotation)
-        object.__setattr__(self, "translation_m", translation_m)
+        if np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(self.rotation) < 0:
+            raise ValueError(f"not a rotation matrix: {self.rotation.tolist()}")
 
     @classmethod
     def identity(cls) -> Pose:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.observations import ViewDetections
-from rigcal.geometry import Floats, frozen_array
+from rigcal.geometry import Floats, freeze
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +47,7 @@ class Boxes:
 
     def __post_init__(self) -> None:
         count = len(self.classes)
-        object.__setattr__(self, "xyxy", frozen_array(self.xyxy, np.float64, "xyxy", (count, 4)))
-        object.__setattr__(self, "score", frozen_array(self.score, np.float64, "score", (count,)))
+        freeze(self, np.float64, xyxy=(count, 4), score=(count,))
 
 
 class BoxDetector(Protocol):
