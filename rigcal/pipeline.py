@@ -36,6 +36,7 @@ from rigcal.quality import (
 )
 from rigcal.refine import JointResult, RefineOptions, refine_rig
 from rigcal.rigdocument import PoseEntry, RigDocument
+from rigcal.selection import SelectionOptions, select_views
 from rigcal.site import GateLimits, Site
 
 AUTO = "auto"
@@ -51,6 +52,7 @@ class CalibrateOptions:
 
     model: str = "auto"
     """Lens model of cameras for which the site file names none; ``auto`` chooses each camera's by held-out error."""
+    selection: SelectionOptions = field(default_factory=SelectionOptions)
     intrinsics: IntrinsicsOptions = field(default_factory=IntrinsicsOptions)
     pairwise: PairwiseOptions = field(default_factory=PairwiseOptions)
     refine: RefineOptions = field(default_factory=RefineOptions)
@@ -100,7 +102,7 @@ def calibrate_lenses(
         TooFewViewsError: for a camera with too few views of the board.
     """
     results = []
-    for camera in detections.cameras:
+    for camera in select_views(detections, options.selection).cameras:
         declared = site.camera(camera.camera_id) if site else None
         model = declared.model if declared and declared.model else options.model
         if model == AUTO:
@@ -136,7 +138,7 @@ def hold_lenses(
             known[camera.camera_id].rmse_px,
             options.intrinsics,
         )
-        for camera in detections.cameras
+        for camera in select_views(detections, options.selection).cameras
     )
 
 

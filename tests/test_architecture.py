@@ -24,6 +24,7 @@ ORDER = {
         "cache",
         "detect",
         "diagnose",
+        "selection",
         "boardpose",
         "bundle",
         "outliers",
