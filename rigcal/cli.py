@@ -222,7 +222,8 @@ def _calibrate(
     cache: bool,
 ) -> RigDocument:
     from rigcal.evidence import SUFFIX, beside, write_evidence
-    from rigcal.pipeline import calibrate_site, document_of, evidence_of
+    from rigcal.outcome import document_of, evidence_of
+    from rigcal.pipeline import calibrate_site
     from rigcal.rigfile import write_rigfile
     from rigcal.site import GateLimits
 

@@ -33,6 +33,7 @@ ORDER = {
         "graph",
         "_colmap",
         "refine",
+        "residuals",
         "quality",
         "rigdocument",
         "rigfile",
@@ -41,6 +42,7 @@ ORDER = {
         "formats",
         "report",
         "pipeline",
+        "outcome",
         "cli",
     ],
     "recognition": [

@@ -9,7 +9,8 @@ from rigcal.board import Checkerboard
 from rigcal.errors import BrokenFileError, CalibrationError, RigFileSchemaError
 from rigcal.evidence import beside, read_evidence, write_evidence
 from rigcal.lensfile import lens_document, read_lenses, write_lenses
-from rigcal.pipeline import CalibrateOptions, calibrate_lenses, calibrate_site, document_of, evidence_of, hold_lenses
+from rigcal.outcome import document_of, evidence_of
+from rigcal.pipeline import CalibrateOptions, calibrate_lenses, calibrate_site, hold_lenses
 from rigcal.rigfile import read_rigfile, rig_of, write_rigfile
 from rigcal.site import GateLimits
 from rigcal.synthetic import arc_rig, board_poses_for_pair, exact_detections, with_noise

@@ -1,0 +1,158 @@
+"""What a calibration becomes on disk: the rig file's content, and the evidence beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import version
+
+import numpy as np
+
+from rigcal import __version__
+from rigcal.board import board_to_dict
+from rigcal.evidence import Evidence
+from rigcal.lensfile import findings_entries
+from rigcal.pipeline import SiteCalibration, used_views
+from rigcal.quality import joint_camera_covariance
+from rigcal.refine import JointResult
+from rigcal.residuals import residuals_of_all
+from rigcal.rigdocument import PoseEntry, RigDocument
+from rigcal.site import Site
+
+
+def evidence_of(calibration: SiteCalibration) -> Evidence:
+    """Every detected corner with its residual: the sidecar of the rig file."""
+    detections, joint = calibration.detections, calibration.joint
+    obs = joint.observations
+    used = set(zip(obs.camera_idx.tolist(), obs.frame_idx.tolist(), obs.corner_ids.tolist(), strict=True))
+    rows: list[tuple[int, int, int, bool]] = []
+    pixels, residuals = [], []
+    for camera in range(len(detections.cameras)):
+        for view, gap in residuals_of_all(detections, joint, camera):
+            rows += [
+                (camera, view.frame_idx, int(c), (camera, view.frame_idx, int(c)) in used) for c in view.corner_ids
+            ]
+            pixels.append(view.corners_px)
+            residuals.append(gap)
+    camera_idx, frame_idx, corner_ids, kept = (np.array(column) for column in zip(*rows, strict=True))
+    middle = detections.board.corners_in_board.mean(axis=0)
+    centres = [joint.solution.state.rig_from_board[int(b)].apply(middle) for b in np.unique(obs.board_idx)]
+    return Evidence(
+        detections.camera_ids,
+        tuple(camera.frames for camera in detections.cameras),
+        camera_idx,
+        frame_idx,
+        corner_ids,
+        kept,
+        np.concatenate(pixels),
+        np.concatenate(residuals),
+        np.array(centres),
+    )
+
+
+def document_of(
+    calibration: SiteCalibration,
+    *,
+    site: Site | None,
+    site_name: str,
+    created_utc: str,
+    command: str,
+    options: Mapping[str, object],
+) -> RigDocument:
+    """The rig file's content for a calibration."""
+    detections, joint = calibration.detections, calibration.joint
+    ids = detections.camera_ids
+    free, covariance = joint_camera_covariance(joint.solution)
+    symmetric = (covariance + covariance.T) / 2
+    return RigDocument.model_validate(
+        {
+            "site": site_name,
+            "created_utc": created_utc,
+            "reference": ids[0],
+            "board": board_to_dict(detections.board),
+            "cameras": [_camera_entry(calibration, site, index) for index in range(len(ids))],
+            "pairs": [
+                {"cameras": (ids[pair.first], ids[pair.second]), "views": pair.views, "rmse_px": pair.rmse_px}
+                for pair in calibration.pairs
+            ],
+            "covariance": {
+                "order": tuple(f"{ids[c]}.{part}" for c in free for part in ("rotation_rad", "translation_m")),
+                "matrix": tuple(tuple(row) for row in symmetric.tolist()),
+            }
+            if free
+            else None,
+            "gates": [
+                {
+                    "name": gate.name,
+                    "camera": gate.camera,
+                    "value": gate.value,
+                    "limit": gate.limit,
+                    "passed": gate.passed,
+                    "advice": gate.advice,
+                }
+                for gate in calibration.gates
+            ],
+            "verdict": calibration.verdict,
+            "history": [{"command": command, "utc": created_utc, "parent_digest": None}],
+            "provenance": {
+                "rigcal": __version__,
+                "inputs_sha256": detections.digest,
+                "options": dict(options),
+                "packages": {
+                    name: version(name) for name in ("numpy", "opencv-contrib-python-headless", "pycolmap", "scipy")
+                },
+            },
+            "extensions": {
+                "rigcal": {
+                    "instants": {
+                        "rule": detections.instants.rule,
+                        "spread_s": float(detections.instants.spread_s.max(initial=0.0)),
+                        "shared": _shared_instants(joint),
+                    },
+                    "lenses_held": [ids[camera] for camera in joint.noisy],
+                }
+            },
+        }
+    )
+
+
+def _shared_instants(joint: JointResult) -> int:
+    pairs = np.unique(np.stack([joint.observations.board_idx, joint.observations.camera_idx], axis=1), axis=0)
+    return int((np.unique(pairs[:, 0], return_counts=True)[1] > 1).sum())
+
+
+def _camera_entry(calibration: SiteCalibration, site: Site | None, index: int) -> dict[str, object]:
+    detections, quality, joint = calibration.detections, calibration.quality, calibration.joint
+    camera, lens, rmse = detections.cameras[index], joint.cameras[index], calibration.rmse[index]
+    declared = site.camera(camera.camera_id) if site else None
+    fx, fy, cx, cy = quality.lens_sigma[index][:4].tolist()
+    return {
+        "id": camera.camera_id,
+        "serial": declared.serial if declared else None,
+        "size_wh": lens.size_wh,
+        "model": lens.model,
+        "coefficients": lens.coefficients,
+        "cam_from_rig": PoseEntry.of(joint.cam_from_rig[index]),
+        "rmse_px": {
+            "intrinsic": rmse.intrinsic,
+            "pairwise": rmse.pairwise,
+            "chained": rmse.chained,
+            "refined": rmse.refined,
+            "held_out": rmse.held_out,
+            "all": rmse.every,
+        },
+        "chain": tuple(detections.camera_ids[c] for c in calibration.chain.paths[index]),
+        "sigma": {
+            "fx_px": fx,
+            "fy_px": fy,
+            "cx_px": cx,
+            "cy_px": cy,
+            "position_m": quality.position_sigma_m[index],
+            "rotation_deg": quality.rotation_sigma_deg[index],
+        },
+        "views": {
+            "frames": len(camera.frames),
+            "detected": len(camera.views),
+            "used": used_views(joint, index),
+            "findings": tuple(findings_entries(calibration.findings[index])),
+        },
+    }
