@@ -159,21 +159,23 @@ class Solution:
     """(D) (camera, unknown) of each row: unknowns 0-5 are the pose, 6 and up the coefficients."""
     sigma_px: float
     """Noise per axis estimated from the residuals and the degrees of freedom."""
+    inflation: float
+    """Variance of the unknowns over what it would be if the corners of a board erred independently; at least 1."""
     iterations: int
     converged: bool
 
     def camera_covariance(self, camera_idx: int, unknowns: Sequence[int]) -> Floats:
-        """(n, n) covariance of a camera's unknowns with the estimated noise; zeros where an unknown was held."""
+        """(n, n) covariance of a camera's unknowns, noise and inflation as estimated; zeros where one was held."""
         return self.joint_covariance([(camera_idx, unknown) for unknown in unknowns])
 
     def joint_covariance(self, wanted: Sequence[tuple[int, int]]) -> Floats:
-        """(n, n) covariance of (camera, unknown) pairs with the estimated noise; zeros where held."""
+        """(n, n) covariance of (camera, unknown) pairs, noise and inflation as estimated; zeros where held."""
         where = {key: row for row, key in enumerate(self.index)}
         rows = np.array([where.get(key, -1) for key in wanted])
         known = rows >= 0
         result = np.zeros((len(rows), len(rows)))
-        result[np.ix_(known, known)] = self.covariance[np.ix_(rows[known], rows[known])] * self.sigma_px**2
-        return result
+        result[np.ix_(known, known)] = self.covariance[np.ix_(rows[known], rows[known])]
+        return result * self.sigma_px**2 * self.inflation
 
 
 def solve(observations: Observations, start: State, freedom: Freedom, options: SolveOptions) -> Solution:
@@ -220,6 +222,7 @@ class _Linear:
     Cb: Floats  # (B, 6, 6)
     gc: Floats  # (C, D)
     gb: Floats  # (B, 6)
+    by_view: Floats  # (W, D + 7, D + 7) of each view: camera, board, right side
 
 
 class _System:
@@ -332,7 +335,7 @@ class _System:
         np.add.at(gb, self.view_board, normal[:, D:-1, -1])
         A += self.prior_weight
         gc += np.einsum("cij,cj->ci", self.prior_weight, self._prior_gap(state))
-        return _Linear(cost, residuals, A, E, Cb, gc, gb)
+        return _Linear(cost, residuals, A, E, Cb, gc, gb, normal)
 
     def _reduced(self, linear: _Linear, damping: float) -> tuple[Floats, Floats, Floats, Floats]:
         """Reduced system S (D', D') and its right side over the free camera unknowns; L^-1 and L^-1 E^T per board."""
@@ -395,7 +398,41 @@ class _System:
         freedom = max(2 * len(self.obs) - len(index) - POSE * boards_seen, 1)
         sigma_px = float(np.sqrt((linear.residuals**2).sum() / freedom))
         covariance = np.asarray(np.linalg.pinv(S, hermitian=True), dtype=np.float64) if index else np.zeros((0, 0))
-        return Solution(state, linear.residuals, covariance, index, sigma_px, iterations, converged)
+        inflation = self._inflation(linear, covariance, sigma_px)
+        return Solution(state, linear.residuals, covariance, index, sigma_px, inflation, iterations, converged)
+
+    def _inflation(self, linear: _Linear, covariance: Floats, sigma_px: float) -> float:
+        """How much the gradients of whole boards vary beyond what independent corners would let them.
+
+        At the solution each board's share ``g_b`` of the cameras' gradient should have the variance
+        ``sigma^2 H_b``, with ``H_b`` its share of the reduced system, less what the fit took away:
+        ``sum g_b^T C g_b`` is then ``sigma^2 (tr(C S) - sum tr(C H_b C H_b))`` on average, ``C`` being the inverse
+        of ``S``. Errors that all corners of a view share (a bent board, blur, a detector's bias on oblique squares)
+        make it larger; the ratio is the variance inflation, as in cluster-robust covariances (Liang and Zeger 1986).
+        """
+        if not len(covariance) or sigma_px == 0:
+            return 1.0
+        D = self.width
+        normal = linear.by_view
+        column = np.cumsum(self.free) - 1
+        observed = expected = 0.0
+        order = np.argsort(self.view_board, kind="stable")
+        for views in np.split(order, np.flatnonzero(np.diff(self.view_board[order])) + 1):
+            board = self.view_board[views[0]]
+            unknowns = [np.flatnonzero(self.free[c * D : (c + 1) * D]) for c in self.view_camera[views]]
+            rows = np.concatenate([column[c * D + u] for c, u in zip(self.view_camera[views], unknowns, strict=True)])
+            if not len(rows):
+                continue
+            A = block_diag(*[normal[v][np.ix_(u, u)] for v, u in zip(views, unknowns, strict=True)])
+            E = np.concatenate([normal[v][u, D : D + POSE] for v, u in zip(views, unknowns, strict=True)])
+            g = np.concatenate([normal[v][u, -1] for v, u in zip(views, unknowns, strict=True)])
+            solved = np.linalg.solve(linear.Cb[board], np.column_stack([E.T, linear.gb[board]]))
+            C = covariance[np.ix_(rows, rows)]
+            H = C @ (A - E @ solved[:, :-1])
+            g = g - E @ solved[:, -1]
+            observed += float(g @ C @ g)
+            expected += float(np.trace(H) - np.trace(H @ H))
+        return max(observed / (sigma_px**2 * expected), 1.0) if expected > 1e-9 else 1.0
 
 
 def _minus_cross(rows: Floats, points: Floats) -> Floats:

@@ -70,6 +70,23 @@ def test_the_noise_is_estimated_and_the_sigmas_are_honest():
     assert 0.75 < np.mean(squared) < 1.25
 
 
+def test_independent_corners_inflate_nothing_and_shared_errors_do():
+    """Median of 9 rigs: 1 for independent noise; well above for an error that all corners of a view share."""
+    plain, shared = [], []
+    for seed in range(9):
+        _, observations, start, freedom = problem(noise_px=0.2, seed=10 * seed)
+        plain.append(solve(observations, start, freedom, SolveOptions()).inflation)
+        rng = np.random.default_rng(seed)
+        starts = observations.view_starts
+        view = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(observations))))
+        xy = observations.points_in_board[:, :2] / 0.24 - [1, 0.6]
+        bend = rng.normal(0, 0.5, (len(starts), 2))[view] * (xy[:, :1] ** 2 + xy[:, 1:] ** 2)  # no pose can take it up
+        bent = replace(observations, pixels=observations.pixels + bend)
+        shared.append(solve(bent, start, freedom, SolveOptions()).inflation)
+    assert 1.0 <= np.median(plain) < 1.15
+    assert np.median(shared) > 2
+
+
 def test_the_same_input_gives_the_same_bits():
     _, observations, start, freedom = problem(noise_px=0.2)
     first, second = (solve(observations, start, freedom, SolveOptions()) for _ in range(2))
