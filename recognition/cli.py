@@ -7,6 +7,7 @@ error, and with ``--json`` also one object on standard output.
 from __future__ import annotations
 
 import json
+import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -108,8 +109,9 @@ def run(
     }
     with writing(output):
         recorder = Recorder(output, rig=loaded, rig_json=rig.read_bytes(), metadata=metadata)
-        with recorder, _progress(total, quiet=as_json) as progress:
-            result = run_instants(loaded, instants, recorder, RunOptions(realtime=realtime), progress=progress)
+        with recorder, _progress(total, quiet=as_json) as progress, _stop_on_interrupt() as stop:
+            options = RunOptions(realtime=realtime)
+            result = run_instants(loaded, instants, recorder, options, progress=progress, stop=stop)
         recorded = recorder.close()
     if poses is not None:
         _write_poses(result, loaded, poses)
@@ -274,7 +276,7 @@ def _tell(
                 "poses": str(poses) if poses else None,
                 "verdict": rig.verdict,
                 "instants": len(result.scenes),
-                "interrupted": result.interrupted,
+                "stopped": result.stopped,
                 "rule": facts,
                 "people_detected": dict(result.detections),
                 "workers": {str(track): count for track, count in result.worker_instants.items()},
@@ -284,7 +286,7 @@ def _tell(
             }
         )
         return
-    if result.interrupted:
+    if result.stopped:
         typer.echo("stopped by the keyboard: everything up to here is in the recording")
     typer.echo(f"{len(result.scenes)} instants ({', '.join(f'{k} {v}' for k, v in facts.items())}), rig {rig.verdict}")
     typer.echo("people detected  " + ", ".join(f"{c} {n}" for c, n in result.detections.items()))
@@ -295,6 +297,17 @@ def _tell(
     typer.echo(f"recording {recorded.path} ({recorded.bytes / 1e6:.1f} MB, open it in Foxglove)")
     if poses is not None:
         typer.echo(f"poses     {poses}")
+
+
+@contextmanager
+def _stop_on_interrupt() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C was pressed: asked between instants, so that no message is cut in the middle."""
+    pressed: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _frame: pressed.append(number))
+    try:
+        yield lambda: bool(pressed)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

@@ -49,8 +49,8 @@ class RunResult:
     scenes: tuple[Scene, ...]
     detections: Mapping[str, int]
     """People detected per camera, over all instants."""
-    interrupted: bool = False
-    """Whether the keyboard ended the run before its last instant."""
+    stopped: bool = False
+    """Whether the run was stopped before its last instant."""
 
     @property
     def worker_instants(self) -> dict[int, int]:
@@ -101,6 +101,7 @@ def run(
     options: RunOptions,
     *,
     progress: Callable[[int], None] | None = None,
+    stop: Callable[[], bool] | None = None,
 ) -> RunResult:
     """Run over instants in order of time.
 
@@ -110,34 +111,34 @@ def run(
         recorder: Where frames, detections and scenes are recorded; open.
         options: Thresholds and pace.
         progress: Called with the number of instants done.
+        stop: Asked before each instant whether to end the run.
 
     Returns:
-        What was found. An interrupt from the keyboard ends the run, and leaves the recorder to be closed.
+        What was found.
     """
     geometry, tracker, state = RigGeometry.of(rig), Tracker(rig.world_from_rig, options.tracking), TrackerState()
     scenes: list[Scene] = []
     seen: Counter[str] = Counter(dict.fromkeys(rig.camera_ids, 0))
     pace = _Pace() if options.realtime else None
-    interrupted = False
-    try:
-        for instant in instants:
-            frame_set = instant.frame_set
-            if pace:
-                pace.wait(frame_set.t_ns)
-            association = associate(geometry, instant.views, options.association)
-            people = triangulate_people(geometry, instant.views, association)
-            objects = triangulate_objects(geometry, instant.views, association)
-            state, scene = tracker.step(state, people, objects, t_ns=frame_set.t_ns, index=frame_set.index)
-            recorder.write_frames(frame_set)
-            recorder.write_detections(frame_set, instant.views, _tracks_of_views(scene, instant.views))
-            recorder.write_scene(scene)
-            scenes.append(scene)
-            seen.update({c: len(v.people_px) for c, v in zip(rig.camera_ids, instant.views, strict=True)})
-            if progress:
-                progress(len(scenes))
-    except KeyboardInterrupt:
-        interrupted = True
-    return RunResult(tuple(scenes), dict(seen), interrupted)
+    stopped = False
+    for instant in instants:
+        if stopped := stop is not None and stop():
+            break
+        frame_set = instant.frame_set
+        if pace:
+            pace.wait(frame_set.t_ns)
+        association = associate(geometry, instant.views, options.association)
+        people = triangulate_people(geometry, instant.views, association)
+        objects = triangulate_objects(geometry, instant.views, association)
+        state, scene = tracker.step(state, people, objects, t_ns=frame_set.t_ns, index=frame_set.index)
+        recorder.write_frames(frame_set)
+        recorder.write_detections(frame_set, instant.views, _tracks_of_views(scene, instant.views))
+        recorder.write_scene(scene)
+        scenes.append(scene)
+        seen.update({c: len(v.people_px) for c, v in zip(rig.camera_ids, instant.views, strict=True)})
+        if progress:
+            progress(len(scenes))
+    return RunResult(tuple(scenes), dict(seen), stopped)
 
 
 def _tracks_of_views(scene: Scene, views: Sequence[ViewDetections]) -> tuple[ViewTracks, ...]:

@@ -91,6 +91,18 @@ def test_realtime_paces_the_instants(site, tmp_path):
     assert time.monotonic() - start >= 0.3
 
 
+def test_a_run_that_is_stopped_keeps_what_it_has(site, tmp_path):
+    path, rig, simulated = site
+    known = read_detections(detections_file(tmp_path, simulated), rig)
+    asked = iter([False] * 5 + [True])
+    with recorder_for(path, rig, tmp_path / "r.mcap") as recorder:
+        instants = instants_of_detections(known, fps=30, use=[True] * 4)
+        result = run(rig, instants, recorder, RunOptions(), stop=lambda: next(asked))
+    assert result.stopped
+    assert len(result.scenes) == 5
+    assert check_recording(tmp_path / "r.mcap").messages["/scene"] == 5
+
+
 def test_poses_are_in_the_world_where_the_rig_has_one(tmp_path):
     joints = np.full((17, 3), np.nan)
     joints[3] = [1.0, 2, 3]
