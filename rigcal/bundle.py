@@ -14,7 +14,7 @@ of the poses are left perturbations, see :mod:`rigcal.geometry`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
@@ -443,11 +443,3 @@ def _minus_cross(rows: Floats, points: Floats) -> Floats:
 def rmse_px(residuals_px: Floats) -> float | None:
     """``sqrt(mean(dx^2 + dy^2))`` over corners, as OpenCV reports it; None for no corners."""
     return float(np.sqrt((residuals_px**2).sum(axis=1).mean())) if len(residuals_px) else None
-
-
-def held(freedom: Freedom, camera_idx: int, names: Sequence[str], state: State) -> Freedom:
-    """The same freedom with a camera's coefficients of these names held."""
-    hold = np.array([name in names for name in state.cameras[camera_idx].names])
-    params = list(freedom.params)
-    params[camera_idx] = params[camera_idx] & ~hold
-    return replace(freedom, params=tuple(params))

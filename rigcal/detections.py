@@ -89,28 +89,6 @@ class SiteDetections:
         return tuple(camera.camera_id for camera in self.cameras)
 
 
-def view_at(camera: BoardDetections) -> dict[int, BoardView]:
-    """Board views of a camera by frame index."""
-    return {view.frame_idx: view for view in camera.views}
-
-
-def shared_views(
-    detections: SiteDetections, first: int, second: int, *, min_corners: int = 6
-) -> list[tuple[int, BoardView, BoardView]]:
-    """Instants at which both cameras (by index) see at least ``min_corners`` corners, not necessarily the same.
-
-    Returns:
-        (instant, view of the first camera, view of the second camera), by instant.
-    """
-    at_first, at_second = view_at(detections.cameras[first]), view_at(detections.cameras[second])
-    pairs = []
-    for instant, frames in enumerate(detections.instants.frame_idx):
-        one, two = at_first.get(int(frames[first])), at_second.get(int(frames[second]))
-        if one and two and min(len(one.corner_ids), len(two.corner_ids)) >= min_corners:
-            pairs.append((instant, one, two))
-    return pairs
-
-
 def join_findings(*groups: Sequence[Finding]) -> tuple[Finding, ...]:
     """All findings, by frame."""
     return tuple(sorted((f for group in groups for f in group), key=lambda f: (f.frame, f.action)))

@@ -9,7 +9,7 @@ import pytest
 from rigcal.board import Charuco, Checkerboard
 from rigcal.boardpose import board_poses
 from rigcal.camera import MODELS
-from rigcal.detections import BoardView, shared_views
+from rigcal.detections import BoardView
 from rigcal.errors import ImageSizeError, NotConnectedError, OptionError, TooFewViewsError
 from rigcal.geometry import Pose
 from rigcal.graph import chain_to_reference
@@ -155,6 +155,12 @@ def test_collinear_corners_have_no_pose():
 
 
 # --- pairs ----------------------------------------------------------------------------------------------------------
+
+
+def shared_views(detections, first, second):
+    """(instant, view, view) where both cameras see the board; instants are frame numbers here."""
+    at = [{view.frame_idx: view for view in detections.cameras[c].views} for c in (first, second)]
+    return [(frame, at[0][frame], at[1][frame]) for frame in sorted(at[0].keys() & at[1].keys())]
 
 
 def pair_of(rig, detections, *, options=None):
