@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recognition.errors import RecognitionError, RigRefusedError, SourceError
+from recognition.errors import RigRefusedError, SourceError
 from rigcal.errors import RigcalError, writing
 
 if TYPE_CHECKING:
@@ -334,7 +334,7 @@ def main() -> None:
     """Entry point of the console script; a known error becomes its message and exit code 2."""
     try:
         app()
-    except (RigcalError, RecognitionError) as error:
+    except RigcalError as error:
         typer.echo(f"error: {error}", err=True)
         if "--json" in sys.argv:
             fields = ("what", "where", "expected", "got", "do_next")

@@ -171,7 +171,7 @@ class Solution:
     def joint_covariance(self, wanted: Sequence[tuple[int, int]]) -> Floats:
         """(n, n) covariance of (camera, unknown) pairs, noise and inflation as estimated; zeros where held."""
         where = {key: row for row, key in enumerate(self.index)}
-        rows = np.array([where.get(key, -1) for key in wanted])
+        rows = np.array([where.get(key, -1) for key in wanted], dtype=np.int64)
         known = rows >= 0
         result = np.zeros((len(rows), len(rows)))
         result[np.ix_(known, known)] = self.covariance[np.ix_(rows[known], rows[known])]

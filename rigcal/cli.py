@@ -374,18 +374,13 @@ def _print_json(value: Mapping[str, Any]) -> None:
     typer.echo(json.dumps(value, ensure_ascii=False))
 
 
-def run(application: typer.Typer) -> None:
-    """Run a command line; a known error becomes its message and exit code 2."""
+def main() -> None:
+    """Entry point of the console script; a known error becomes its message and exit code 2."""
     try:
-        application()
+        app()
     except RigcalError as error:
         typer.echo(f"error: {error}", err=True)
         if "--json" in sys.argv:
             fields = ("what", "where", "expected", "got", "do_next")
             _print_json({"valid": False, "error": {name: getattr(error, name) for name in fields}})
         raise SystemExit(2) from None
-
-
-def main() -> None:
-    """Entry point of the console script."""
-    run(app)

@@ -117,6 +117,18 @@ def test_a_site_file_sets_order_serials_and_limits(site, tmp_path):
     assert command("rigcal", "validate", tmp_path / "s.rig.json").code == 1
 
 
+def test_a_single_camera_is_a_rig_of_one(site, tmp_path):
+    shutil.copytree(site.capture / "cam1", tmp_path / "one" / "cam1")
+    done = command(
+        "rigcal", "calibrate", tmp_path / "one", "--board", site.board, "-o", tmp_path / "o.rig.json", "--json"
+    )
+    assert done.code == 0, done.err
+    assert done.json["covariance"] is None
+    assert done.json["pairs"] == []
+    assert done.json["cameras"][0]["rmse_px"]["pairwise"] is None
+    assert command("rigcal", "validate", tmp_path / "o.rig.json").code == 0
+
+
 # --- bad input ------------------------------------------------------------------------------------------------------
 
 
