@@ -1,0 +1,165 @@
+"""Commands that turn a capture into lenses or a rig file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rigcal.cli._app import (
+    BoardOption,
+    CacheOption,
+    CaptureArgument,
+    JsonOption,
+    ModelOption,
+    SiteOption,
+    app,
+    board_of,
+    finish,
+    now_utc,
+    print_json,
+    show,
+    site_of,
+    write_report,
+)
+from rigcal.cli._capture import find_boards
+from rigcal.errors import writing
+
+if TYPE_CHECKING:
+    from rigcal.detections import SiteDetections
+    from rigcal.intrinsics import IntrinsicsResult
+    from rigcal.pipeline import CalibrateOptions
+    from rigcal.rigdocument import RigDocument
+    from rigcal.site import Site
+
+
+@app.command()
+def calibrate(
+    capture: CaptureArgument,
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT.rig.json", help="The rig file to write.")],
+    board: BoardOption = None,
+    site: SiteOption = None,
+    intrinsics: Annotated[
+        Path | None,
+        typer.Option(metavar="CAPTURE|FILE", help="Lenses from another capture, a lens file or a rig file."),
+    ] = None,
+    model: ModelOption = "auto",
+    cache: CacheOption = True,
+    as_json: JsonOption = False,
+) -> None:
+    """Calibrate every camera of a capture into one rig file, with a report and the residuals beside it.
+
+    Exit code 0: PASS; 1: RECAPTURE, the file is still written; 2: bad input.
+    """
+    document = _calibrate("calibrate", capture, output, board, site, intrinsics, model, cache)
+    finish(document, output, as_json)
+
+
+@app.command()
+def extrinsics(
+    capture: CaptureArgument,
+    intrinsics: Annotated[
+        Path, typer.Option(metavar="CAPTURE|FILE", help="Lenses from another capture, a lens file or a rig file.")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT.rig.json", help="The rig file to write.")],
+    board: BoardOption = None,
+    site: SiteOption = None,
+    cache: CacheOption = True,
+    as_json: JsonOption = False,
+) -> None:
+    """Place cameras whose lenses are known: calibrate with --intrinsics."""
+    document = _calibrate("extrinsics", capture, output, board, site, intrinsics, "auto", cache)
+    finish(document, output, as_json)
+
+
+@app.command()
+def intrinsics(
+    capture: CaptureArgument,
+    board: BoardOption = None,
+    site: SiteOption = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="OUT.json", help="The lens file to write.")
+    ] = None,
+    model: ModelOption = "auto",
+    cache: CacheOption = True,
+    as_json: JsonOption = False,
+) -> None:
+    """Calibrate the lens of each camera alone; the cameras need not see the board together."""
+    from rigcal.lensfile import lens_document, write_lenses
+    from rigcal.pipeline import calibrate_lenses
+    from rigcal.report import lens_report
+
+    declared = site_of(site)
+    detections = find_boards(capture, board_of(board, declared), declared, cache)
+    lenses = calibrate_lenses(detections, declared, _options(model))
+    document = lens_document(detections.board.spec, detections.cameras, lenses)
+    if output is not None:
+        with writing(output):
+            write_lenses(document, output)
+    if as_json:
+        print_json(document | {"lens_file": str(output) if output else None})
+    else:
+        show(lens_report(document))
+        if output is not None:
+            show(f"lens file {output}")
+
+
+def _calibrate(
+    command: str,
+    capture: Path,
+    output: Path,
+    board: str | None,
+    site_path: Path | None,
+    intrinsics_path: Path | None,
+    model: str,
+    cache: bool,
+) -> RigDocument:
+    from rigcal.evidence import SUFFIX, beside, write_evidence
+    from rigcal.outcome import document_of, evidence_of
+    from rigcal.pipeline import calibrate_site
+    from rigcal.rigfile import write_rigfile
+    from rigcal.site import GateLimits
+
+    site = site_of(site_path)
+    options = _options(model, lenses_free=intrinsics_path is None)
+    detections = find_boards(capture, board_of(board, site), site, cache)
+    lenses = _lenses(detections, site, intrinsics_path, options, cache)
+    result = calibrate_site(detections, site.gates if site else GateLimits(), lenses, options)
+    document = document_of(
+        result,
+        site=site,
+        site_name=site.site if site else capture.resolve().name,
+        created_utc=now_utc(),
+        command=command,
+        options={"board": detections.board.spec, "model": model, "intrinsics_given": intrinsics_path is not None},
+    )
+    with writing(output):
+        write_evidence(evidence_of(result), beside(output, SUFFIX))
+        document = write_rigfile(document, output)
+        write_report(document, output, beside(output, ".report.html"))
+    return document
+
+
+def _lenses(
+    detections: SiteDetections, site: Site | None, given: Path | None, options: CalibrateOptions, cache: bool
+) -> tuple[IntrinsicsResult, ...]:
+    from rigcal.lensfile import KnownLens, read_lenses
+    from rigcal.pipeline import calibrate_lenses, hold_lenses
+
+    if given is None:
+        return calibrate_lenses(detections, site, options)
+    if given.is_dir():
+        lenses = calibrate_lenses(find_boards(given, detections.board, site, cache), site, options)
+        known: Mapping[str, KnownLens] = {lens.camera_id: KnownLens(lens.camera, lens.rmse_px) for lens in lenses}
+    else:
+        known = read_lenses(given)
+    return hold_lenses(detections, known, options)
+
+
+def _options(model: str, *, lenses_free: bool = True) -> CalibrateOptions:
+    from rigcal.pipeline import CalibrateOptions
+    from rigcal.refine import RefineOptions
+
+    return CalibrateOptions(model, refine=RefineOptions(free_lenses=lenses_free))
