@@ -13,7 +13,7 @@ of the poses are left perturbations, see :mod:`rigcal.geometry`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,18 +48,25 @@ class Observations:
     """(N,) which corner of the board."""
     pixels: Floats
     """(N, 2) distorted pixels."""
+    weights: Floats
+    """(N,) how much each counts: the variance of a still, sharp corner over its own; 1 where nothing else is known."""
 
     def __post_init__(self) -> None:
         count = len(self.camera_idx)
         order = np.lexsort((self.board_idx, self.camera_idx))
         if (np.diff(order) < 0).any():
             raise ValueError("observations must be sorted by camera, then board")
-        freeze(self, np.float64, corners_in_board=(None, 3), pixels=(count, 2))
+        freeze(self, np.float64, corners_in_board=(None, 3), pixels=(count, 2), weights=(count,))
         freeze(self, np.int64, camera_idx=(count,), board_idx=(count,), frame_idx=(count,), corner_ids=(count,))
 
     @classmethod
-    def of(cls, corners_in_board: Floats, entries: Sequence[tuple[int, int, BoardView]]) -> Observations:
-        """From (camera index, board index, view) entries in any order."""
+    def of(
+        cls,
+        corners_in_board: Floats,
+        entries: Sequence[tuple[int, int, BoardView]],
+        weights: Mapping[tuple[int, int], float] | None = None,
+    ) -> Observations:
+        """From (camera index, board index, view) entries in any order; ``weights`` by (camera, board), 1 if absent."""
         entries = sorted(entries, key=lambda entry: entry[:2])
         sizes = [len(view.corner_ids) for _, _, view in entries]
 
@@ -73,6 +80,7 @@ class Observations:
             repeated([view.frame_idx for _, _, view in entries]),
             np.concatenate([view.corner_ids for _, _, view in entries] or [np.zeros(0, dtype=np.int64)]),
             np.concatenate([view.corners_px for _, _, view in entries] or [np.zeros((0, 2))]),
+            np.repeat([(weights or {}).get((camera, board), 1.0) for camera, board, _ in entries], sizes),
         )
 
     def __len__(self) -> int:
@@ -92,6 +100,25 @@ class Observations:
             self.frame_idx[keep],
             self.corner_ids[keep],
             self.pixels[keep],
+            self.weights[keep],
+        )
+
+    def placed(self, jobs: Sequence[Sequence[int]]) -> Observations:
+        """Some views again, each group on a board of its own: ``jobs[b]`` lists its views (see ``view_starts``)."""
+        ends = np.append(self.view_starts, len(self))
+        rows = [(np.arange(ends[v], ends[v + 1]), b) for b, views in enumerate(jobs) for v in views]
+        row = np.concatenate([r for r, _ in rows])
+        board_idx = np.repeat([b for _, b in rows], [len(r) for r, _ in rows])
+        order = np.lexsort((board_idx, self.camera_idx[row]))
+        chosen = row[order]
+        return Observations(
+            self.corners_in_board,
+            self.camera_idx[chosen],
+            board_idx[order],
+            self.frame_idx[chosen],
+            self.corner_ids[chosen],
+            self.pixels[chosen],
+            self.weights[chosen],
         )
 
     @property
@@ -279,12 +306,13 @@ class _System:
 
     def _loss(self, residuals: Floats, seen: Bools) -> tuple[float, Floats]:
         """Cost and the weight (N,) of each corner; corners behind a camera cost as if far away."""
-        squared = (residuals**2).sum(axis=1)
+        weights = self.obs.weights
+        squared = weights * (residuals**2).sum(axis=1)
         if self.options.robust:
             scale = (3 * self.options.sigma_px) ** 2
             squared = np.where(seen, squared, 1e4 * scale)
-            return float(scale * np.log1p(squared / scale).sum()), np.where(seen, 1 / (1 + squared / scale), 0.0)
-        return float(np.where(seen, squared, 1e6).sum()), seen.astype(np.float64)
+            return float(scale * np.log1p(squared / scale).sum()), np.where(seen, weights / (1 + squared / scale), 0.0)
+        return float(np.where(seen, squared, 1e6).sum()), np.where(seen, weights, 0.0)
 
     def _prior_cost(self, state: State) -> float:
         gap = self._prior_gap(state)
@@ -396,7 +424,7 @@ class _System:
         index = tuple(divmod(int(i), self.width) for i in np.flatnonzero(self.free))
         boards_seen = int((linear.Cb.trace(axis1=1, axis2=2) > 0).sum())
         freedom = max(2 * len(self.obs) - len(index) - POSE * boards_seen, 1)
-        sigma_px = float(np.sqrt((linear.residuals**2).sum() / freedom))
+        sigma_px = float(np.sqrt((self.obs.weights @ (linear.residuals**2).sum(axis=1)) / freedom))
         covariance = np.asarray(np.linalg.pinv(S, hermitian=True), dtype=np.float64) if index else np.zeros((0, 0))
         inflation = self._inflation(linear, covariance, sigma_px)
         return Solution(state, linear.residuals, covariance, index, sigma_px, inflation, iterations, converged)

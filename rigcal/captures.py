@@ -108,6 +108,24 @@ def read_frames(camera: CaptureCamera, *, colour: bool = False) -> Iterator[tupl
         yield index, read_image(camera, path, colour=colour)
 
 
+def read_frames_at(
+    camera: CaptureCamera, frame_idx: Sequence[int], *, colour: bool = False
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """A few frames of a camera, ascending; of a video, only what lies between each and the key frame before it.
+
+    Raises:
+        BrokenFileError: where one of them cannot be decoded.
+        ImageSizeError: where an image has another size than the first.
+    """
+    wanted = sorted(set(frame_idx))
+    if camera.kind == "video":
+        found = _sought_frames(camera, wanted, colour)
+        yield from found or (frame for frame in _video_frames(camera, colour) if frame[0] in wanted)
+        return
+    for index in wanted:
+        yield index, read_image(camera, camera.paths[index], colour=colour)
+
+
 def read_image(camera: CaptureCamera, path: Path, *, colour: bool = False) -> NDArray[np.uint8]:
     """One image of a camera, (H, W) grey or (H, W, 3) BGR; 16 bits are reduced to 8.
 
@@ -156,6 +174,26 @@ def _video_frames(camera: CaptureCamera, colour: bool) -> Iterator[tuple[int, ND
         raise BrokenFileError(path, expected=f"{len(camera.frames)} frames", got=f"{count} frames, {error}") from error
     if count != len(camera.frames):
         raise BrokenFileError(path, expected=f"{len(camera.frames)} frames", got=f"{count} frames")
+
+
+def _sought_frames(
+    camera: CaptureCamera, frame_idx: Sequence[int], colour: bool
+) -> list[tuple[int, NDArray[np.uint8]]]:
+    """These frames of a video by their times; none of them where one is not found at its time."""
+    found, form = [], "bgr24" if colour else "gray"
+    try:
+        with av.open(str(camera.paths[0])) as container:
+            stream = container.streams.video[0]
+            ticks = _ticks(container, stream)
+            for index in frame_idx:
+                container.seek(ticks[index], stream=stream)
+                frame = next((f for f in container.decode(stream) if f.pts is None or f.pts >= ticks[index]), None)
+                if frame is None or frame.pts != ticks[index]:
+                    return []
+                found.append((index, np.asarray(frame.to_ndarray(format=form), dtype=np.uint8)))
+    except av.error.FFmpegError:
+        return []
+    return found
 
 
 def _folders(path: Path) -> list[CaptureCamera]:
@@ -210,7 +248,7 @@ def _video_camera(path: Path) -> CaptureCamera:
             if not container.streams.video:
                 raise BrokenFileError(path, expected="a video stream", got="none")
             stream = container.streams.video[0]
-            ticks = sorted(t for p in container.demux(stream) if p.size and (t := _tick(p)) is not None)
+            ticks = _ticks(container, stream)
             size_wh = (stream.codec_context.width, stream.codec_context.height)
             rate = stream.average_rate or stream.guessed_rate
             base = stream.time_base
@@ -221,6 +259,11 @@ def _video_camera(path: Path) -> CaptureCamera:
     times_s = tuple(float((tick - ticks[0]) * base) for tick in ticks)
     names = tuple(f"{index:06d}" for index in range(len(ticks)))
     return CaptureCamera(path.stem, "video", (path,), names, size_wh, float(rate) if rate else None, times_s)
+
+
+def _ticks(container: av.container.InputContainer, stream: av.VideoStream) -> list[int]:
+    """Presentation time of every frame in the stream's time base, ascending."""
+    return sorted(t for p in container.demux(stream) if p.size and (t := _tick(p)) is not None)
 
 
 def _tick(packet: av.Packet[Any]) -> int | None:

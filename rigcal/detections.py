@@ -63,13 +63,21 @@ class Instants:
     """(I, C) index of each camera's frame at each instant, -1 where it has none; cameras in capture order."""
     t_s: Floats
     """(I,) time of each instant in seconds where the rule knows times, else the frame number."""
-    spread_s: Floats
-    """(I,) greatest time difference within each instant in seconds; zeros where the rule knows no times."""
+    offset_s: Floats
+    """(I, C) time of each camera's frame minus ``t_s`` in seconds; zero where it has no frame or the rule no times."""
 
     def __post_init__(self) -> None:
         freeze(self, np.int64, frame_idx=(None, None))
         count = len(self.frame_idx)
-        freeze(self, np.float64, t_s=(count,), spread_s=(count,))
+        freeze(self, np.float64, t_s=(count,), offset_s=self.frame_idx.shape)
+
+    @property
+    def spread_s(self) -> Floats:
+        """(I,) greatest time difference within each instant in seconds; zeros where the rule knows no times."""
+        seen = self.frame_idx >= 0
+        latest = np.where(seen, self.offset_s, -np.inf).max(axis=1, initial=-np.inf)
+        earliest = np.where(seen, self.offset_s, np.inf).min(axis=1, initial=np.inf)
+        return np.asarray(np.maximum(latest - earliest, 0.0))
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@
     ├── SiteFileError             a hand-written site file with a mistake
     ├── OptionError               an option of a stage outside its range
     ├── OutputError               a file that cannot be written
+    ├── TargetError               a board that cannot be printed as asked
     ├── CaptureError              a capture folder, image or video that cannot be used
     │   ├── EmptyCaptureError
     │   ├── BrokenFileError
@@ -21,9 +22,17 @@
     │   ├── RigFileVersionError
     │   ├── RigFileSchemaError
     │   └── EvidenceError         the residuals beside it are another rig's
+    ├── RigCaptureError           a capture that does not belong to the rig file
+    ├── TableError                a table of points or pixels that cannot be read
+    ├── WorldError                measurements that do not give a floor and a vertical
+    │   ├── NotFlatError
+    │   ├── BelowFloorError
+    │   └── WorldPointError
+    ├── DriftError                views that cannot tell which camera moved
     └── FormatError               another tool's file
         ├── FormatEntryError
         ├── UnknownFormatError
+        ├── ForeignNameError
         └── LossyExportError
 
 Every message says what is wrong, where, what was expected, what was got, and what to do next.
@@ -103,6 +112,15 @@ class BoardSpecError(RigcalError):
             got=repr(spec),
             do_next="write it like checkerboard:9x6:25mm, charuco:4x5:54mm:marker=0.75:dict=DICT_4X4_1000 "
             "or aprilgrid:6x6:88mm:spacing=0.3:family=tag36h11",
+        )
+
+
+class TargetError(RigcalError):
+    """A board that cannot be printed true to scale on the paper that was asked for."""
+
+    def __init__(self, problem: str, *, where: object, expected: str, got: str, do_next: str) -> None:
+        super().__init__(
+            f"cannot print this board: {problem}", where=where, expected=expected, got=got, do_next=do_next
         )
 
 
@@ -315,6 +333,65 @@ class EvidenceError(RigFileError):
         )
 
 
+class RigCaptureError(RigcalError):
+    """A capture of other cameras than the rig's."""
+
+    def __init__(self, path: Path | str, *, unknown: Sequence[str], known: Sequence[str]) -> None:
+        super().__init__(
+            f"the rig has no camera {', '.join(unknown)}",
+            where=path,
+            expected=f"cameras of the rig: {', '.join(known)}",
+            got=f"cameras {', '.join(unknown)}",
+            do_next="name each folder or video after its camera as in the rig file, or give the rig file of this site",
+        )
+
+
+class TableError(RigcalError):
+    """A table of named points or pixels with a missing, doubled or malformed entry."""
+
+    def __init__(self, path: Path | str, *, problem: str, expected: str, got: object, do_next: str) -> None:
+        super().__init__(problem, where=path, expected=expected, got=got, do_next=do_next)
+
+
+class WorldError(RigcalError):
+    """Measurements from which no floor and vertical can be computed."""
+
+
+class NotFlatError(WorldError):
+    """Placements of a board that do not lie on one plane."""
+
+    def __init__(self, worst: str, *, height_mm: float, tilt_deg: float, limit_mm: float, limit_deg: float) -> None:
+        super().__init__(
+            f"the board does not lie flat: {worst} does not fit one floor with the other placements",
+            where=worst,
+            expected=f"every placement within {limit_mm:.0f} mm and {limit_deg:.1f} degrees of one plane",
+            got=f"{height_mm:+.0f} mm off in height, {tilt_deg:.1f} degrees off in tilt",
+            do_next="remove that placement's images, or lay the board flat on the floor there and capture it again",
+        )
+
+
+class BelowFloorError(WorldError):
+    """Cameras that would lie below the floor."""
+
+    def __init__(self, heights_m: Sequence[tuple[str, float]], *, method: str, do_next: str) -> None:
+        got = ", ".join(f"{camera} at {height:+.2f} m" for camera, height in heights_m)
+        super().__init__(
+            f"{', '.join(camera for camera, _ in heights_m)} would lie below the floor",
+            where=method,
+            expected="every camera above the floor",
+            got=got,
+            do_next=do_next,
+        )
+
+
+class WorldPointError(WorldError):
+    """Named points that contradict the rig or each other, or that do not determine a world."""
+
+
+class DriftError(RigcalError):
+    """Board views that cannot tell whether, or which, camera moved."""
+
+
 class FormatError(RigcalError):
     """A file of another tool that cannot be read or written."""
 
@@ -342,6 +419,20 @@ class UnknownFormatError(FormatError):
             expected="one of " + ", ".join(formats),
             got=got,
             do_next=f"name one of these formats with {option}",
+        )
+
+
+class ForeignNameError(FormatError):
+    """The target format cannot hold a camera's name."""
+
+    def __init__(self, camera_id: str, *, to: str, expected: str) -> None:
+        super().__init__(
+            f"{to} cannot hold the name of camera {camera_id}",
+            where=f"camera {camera_id}",
+            expected=expected,
+            got=repr(camera_id),
+            do_next="rename that camera's folder in the capture and calibrate again, or export to anipose or "
+            "foxglove, which hold any name",
         )
 
 

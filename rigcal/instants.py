@@ -71,8 +71,8 @@ def group_by_time(times_s: Sequence[Floats], *, rule: str, fps: Sequence[float |
     t = np.stack([np.append(times, np.nan)[frame_idx[:, c]] for c, times in enumerate(times_s)], axis=1)
     t_s = np.nanmean(t, axis=1) if len(t) else np.zeros(0)
     order = np.argsort(t_s, kind="stable")
-    spread_s = np.nanmax(t, axis=1) - np.nanmin(t, axis=1) if len(t) else np.zeros(0)
-    return Instants(rule, frame_idx[order], t_s[order], spread_s[order])
+    offset_s = np.nan_to_num(t - t_s[:, None])
+    return Instants(rule, frame_idx[order], t_s[order], offset_s[order])
 
 
 def _mutual_nearest(first: Floats, second: Floats, within: float) -> tuple[Ints, Ints]:
@@ -196,13 +196,12 @@ def _group_by_number(capture: Capture) -> Instants:
         frame_idx = np.full((len(frames), count), -1, dtype=np.int64)
         for row, (c, i) in enumerate(frames):
             frame_idx[row, c] = i
-        return Instants("none", frame_idx, np.arange(len(frames), dtype=np.float64), np.zeros(len(frames)))
+        return Instants("none", frame_idx, np.arange(len(frames), dtype=np.float64), np.zeros(frame_idx.shape))
     at = [{number: index for index, number in enumerate(n or [])} for n in numbers]
     every = sorted({number for camera in at for number in camera})
     frame_idx = np.array([[camera.get(number, -1) for camera in at] for number in every], dtype=np.int64)
-    return Instants(
-        "frame numbers", frame_idx.reshape(-1, count), np.array(every, dtype=np.float64), np.zeros(len(every))
-    )
+    frame_idx = frame_idx.reshape(-1, count)
+    return Instants("frame numbers", frame_idx, np.array(every, dtype=np.float64), np.zeros(frame_idx.shape))
 
 
 def _numbers(camera: CaptureCamera) -> list[int] | None:

@@ -12,14 +12,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rigcal.agreement import Names
 from rigcal.board import Board
 from rigcal.boardpose import board_poses
-from rigcal.bundle import POSE, Freedom, Observations, Solution, SolveOptions, State, rmse_px, solve
+from rigcal.bundle import POSE, Freedom, Observations, SolveOptions, State, rmse_px, solve
 from rigcal.camera import MODELS, Camera
 from rigcal.detections import BoardDetections, BoardView, Finding
 from rigcal.errors import ImageSizeError, OptionError, TooFewViewsError
 from rigcal.geometry import Floats, Pose
-from rigcal.outliers import RejectionRule, reject
+from rigcal.outliers import RejectionRule
+from rigcal.robust import RobustSolution, solve_robustly
 
 MIN_VIEWS = 3
 """Views below which a lens with free centre and distortion is not determined (Zhang 2000, section 3.1)."""
@@ -95,21 +97,18 @@ def calibrate_camera(detections: BoardDetections, board: Board, options: Intrins
     state = State((start,), (Pose.identity(),), tuple(pose for _, pose in posed))
     focal_only = Freedom((np.arange(len(start.params)) < 2,), freedom.poses)
     state = solve(observations, state, focal_only, SolveOptions(robust=True, max_iterations=30)).state
-    solution, observations, findings = solve_and_reject(
-        observations, state, freedom, (detections.frames,), options.rule
-    )
-    used = np.unique(observations.board_idx)
+    solved = solve_robustly(observations, state, freedom, _names(detections), options.rule)
+    used = np.unique(solved.observations.board_idx)
     _enough(detections.camera_id, len(used), len(views) - len(used))
-    return _result(detections.camera_id, solution, observations, findings, rmse_px(solution.residuals_px) or 0.0)
+    return _result(detections.camera_id, solved, rmse_px(solved.solution.residuals_px) or 0.0)
 
 
-def _result(
-    camera_id: str,
-    solution: Solution,
-    observations: Observations,
-    findings: tuple[tuple[int, Finding], ...],
-    lens_rmse_px: float,
-) -> IntrinsicsResult:
+def _names(detections: BoardDetections) -> Names:
+    return Names((detections.camera_id,), (detections.frames,))
+
+
+def _result(camera_id: str, solved: RobustSolution, lens_rmse_px: float) -> IntrinsicsResult:
+    solution, observations = solved.solution, solved.observations
     camera = solution.state.cameras[0]
     used = [int(board_idx) for board_idx in np.unique(observations.board_idx)]
     return IntrinsicsResult(
@@ -121,7 +120,7 @@ def _result(
         tuple(solution.state.rig_from_board[board_idx] for board_idx in used),
         observations,
         solution.residuals_px,
-        tuple(finding for _, finding in findings),
+        tuple(finding for _, finding in solved.findings),
     )
 
 
@@ -188,28 +187,8 @@ def hold_camera(
     observations = Observations.of(corners, [(0, i, view) for i, (view, _) in enumerate(posed)])
     freedom = Freedom((np.zeros(len(camera.params), dtype=bool),), np.array([False]))
     state = State((camera,), (Pose.identity(),), tuple(pose for _, pose in posed))
-    solution, kept, findings = solve_and_reject(observations, state, freedom, (detections.frames,), options.rule)
-    return _result(detections.camera_id, solution, kept, findings, lens_rmse_px)
-
-
-def solve_and_reject(
-    observations: Observations,
-    start: State,
-    freedom: Freedom,
-    frames: tuple[tuple[str, ...], ...],
-    rule: RejectionRule,
-) -> tuple[Solution, Observations, tuple[tuple[int, Finding], ...]]:
-    """A robust solve, rejection by the rule, then least squares over what was kept.
-
-    Returns:
-        The least-squares solution, the observations that it used, and (camera, finding) of what was rejected.
-    """
-    robust = solve(observations, start, freedom, SolveOptions(robust=True))
-    rejection = reject(observations, robust.residuals_px, frames, rule)
-    kept = observations.subset(rejection.keep)
-    noise_px = float(np.sqrt(np.median((robust.residuals_px[rejection.keep] ** 2).sum(axis=1)) / 1.386))
-    final = solve(kept, robust.state, freedom, SolveOptions(sigma_px=max(noise_px, 0.01)))
-    return final, kept, rejection.findings
+    solved = solve_robustly(observations, state, freedom, _names(detections), options.rule)
+    return _result(detections.camera_id, solved, lens_rmse_px)
 
 
 def first_guess(

@@ -24,18 +24,20 @@ def evidence_of(calibration: SiteCalibration) -> Evidence:
     detections, joint = calibration.detections, calibration.joint
     obs = joint.observations
     used = set(zip(obs.camera_idx.tolist(), obs.frame_idx.tolist(), obs.corner_ids.tolist(), strict=True))
-    rows: list[tuple[int, int, int, bool]] = []
+    boards, board_of_row = np.unique(obs.board_idx, return_inverse=True)
+    views = zip(obs.camera_idx.tolist(), obs.frame_idx.tolist(), strict=True)
+    board_of_view = dict(zip(views, board_of_row.tolist(), strict=True))
+    rows: list[tuple[int, int, int, bool, int]] = []
     pixels, residuals = [], []
     for camera in range(len(detections.cameras)):
         for view, gap in residuals_of_all(detections, joint, camera):
-            rows += [
-                (camera, view.frame_idx, int(c), (camera, view.frame_idx, int(c)) in used) for c in view.corner_ids
-            ]
+            key = camera, view.frame_idx
+            rows += [(*key, c, (*key, c) in used, board_of_view.get(key, -1)) for c in view.corner_ids.tolist()]
             pixels.append(view.corners_px)
             residuals.append(gap)
-    camera_idx, frame_idx, corner_ids, kept = (np.array(column) for column in zip(*rows, strict=True))
+    camera_idx, frame_idx, corner_ids, kept, board_idx = (np.array(column) for column in zip(*rows, strict=True))
     middle = detections.board.corners_in_board.mean(axis=0)
-    centres = [joint.solution.state.rig_from_board[int(b)].apply(middle) for b in np.unique(obs.board_idx)]
+    rig_from_board = [joint.solution.state.rig_from_board[b] for b in boards.tolist()]
     return Evidence(
         detections.camera_ids,
         tuple(camera.frames for camera in detections.cameras),
@@ -45,7 +47,9 @@ def evidence_of(calibration: SiteCalibration) -> Evidence:
         kept,
         np.concatenate(pixels),
         np.concatenate(residuals),
-        np.array(centres),
+        np.array([pose.apply(middle) for pose in rig_from_board]),
+        board_idx,
+        np.array([pose.matrix[:3] for pose in rig_from_board]),
     )
 
 

@@ -9,16 +9,15 @@ real corners are heavier than a Gaussian's) is dropped.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from rigcal.agreement import Names, view_sigmas
 from rigcal.bundle import Observations
 from rigcal.detections import Finding
 from rigcal.geometry import Bools, Floats
 
-_MEDIAN_OF_SQUARE = 2 * np.log(2)
 _NINE_TENTHS_OF_SQUARE = 2 * np.log(10)
 
 
@@ -44,30 +43,39 @@ class Rejection:
     """(camera index, finding) for each view that lost corners."""
 
 
-def reject(
-    observations: Observations, residuals_px: Floats, frames: Sequence[Sequence[str]], rule: RejectionRule
-) -> Rejection:
-    """Apply the rule to residuals (N, 2) of observations; ``frames[camera]`` names the frames for the findings."""
-    squared = (residuals_px**2).sum(axis=1)
+def view_limits_px(observations: Observations, sigmas_px: Floats, rule: RejectionRule) -> Floats:
+    """(C,) sigma above which a view of each camera is not believed; ``sigmas_px`` (W,) are those of its views."""
+    of_view = observations.camera_idx[observations.view_starts]
+    count = int(of_view.max(initial=-1)) + 1
+    typical = [float(np.median(sigmas_px[of_view == c])) if (of_view == c).any() else 0.0 for c in range(count)]
+    return rule.view_ratio * np.maximum(typical, rule.floor_px)
+
+
+def reject(observations: Observations, residuals_px: Floats, names: Names, rule: RejectionRule) -> Rejection:
+    """Apply the rule to residuals (N, 2) of observations."""
+    squared = observations.weights * (residuals_px**2).sum(axis=1)
     keep = np.ones(len(observations), dtype=bool)
     findings: list[tuple[int, Finding]] = []
     starts = observations.view_starts
     ends = np.append(starts[1:], len(observations))
     cameras = observations.camera_idx[starts]
-    sigmas = np.array([np.sqrt(np.median(squared[a:b]) / _MEDIAN_OF_SQUARE) for a, b in zip(starts, ends, strict=True)])
+    sigmas = view_sigmas(observations, residuals_px)
+    limits_px = view_limits_px(observations, sigmas, rule)
     for camera in np.unique(cameras):
         mine = np.flatnonzero(cameras == camera)
-        typical = max(float(np.median(sigmas[mine])), rule.floor_px)
-        good = mine[sigmas[mine] <= rule.view_ratio * typical]
-        rows = np.concatenate([np.arange(starts[v], ends[v]) for v in good])
-        spread = max(float(np.sqrt(np.quantile(squared[rows], 0.9) / _NINE_TENTHS_OF_SQUARE)), rule.floor_px)
+        good = mine[sigmas[mine] <= limits_px[camera]]
+        rows = np.concatenate([np.arange(starts[v], ends[v]) for v in good] or [np.zeros(0, dtype=np.int64)])
+        spread = rule.floor_px
+        if len(rows):
+            spread = max(float(np.sqrt(np.quantile(squared[rows], 0.9) / _NINE_TENTHS_OF_SQUARE)), rule.floor_px)
         for v in mine:
             view = slice(int(starts[v]), int(ends[v]))
-            frame = frames[int(camera)][int(observations.frame_idx[starts[v]])]
-            if sigmas[v] > rule.view_ratio * typical:
+            frame = names.frames[int(camera)][int(observations.frame_idx[starts[v]])]
+            if sigmas[v] > limits_px[camera]:
                 keep[view] = False
                 error = float(np.sqrt(squared[view].mean()))
-                reason = f"residual {error:.2f} px, {sigmas[v] / typical:.1f} times the camera's median view"
+                times = rule.view_ratio * sigmas[v] / limits_px[camera]
+                reason = f"residual {error:.2f} px, {times:.1f} times the camera's median view"
                 findings.append((int(camera), Finding(frame, "dropped", reason)))
                 continue
             far = squared[view] > (rule.corner_sigmas * spread) ** 2

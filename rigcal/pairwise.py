@@ -1,8 +1,8 @@
 """The pose of one camera relative to another from the boards that both saw: the paper's extrinsics.
 
 Every shared view proposes a relative pose, in each combination of the two planar solutions of either camera and with
-the corner order as it is or turned by 180 degrees. The proposal that explains the most views wins, the views then say
-which of them are turned, and a solve with the lenses held gives the pose, its covariance and its RMSE.
+each corner order that the board allows (:mod:`rigcal.order`). The proposal that explains the most views wins, the views
+then say which order each of them has, and a solve with the lenses held gives the pose, its covariance and its RMSE.
 """
 
 from __future__ import annotations
@@ -13,14 +13,16 @@ from itertools import product
 
 import numpy as np
 
-from rigcal.board import Board, Checkerboard
+from rigcal.agreement import Names
+from rigcal.board import Board
 from rigcal.boardpose import board_poses
 from rigcal.bundle import Freedom, Observations, State, rmse_px
 from rigcal.camera import Camera
-from rigcal.detections import BoardView, Finding
-from rigcal.geometry import Floats, Pose
-from rigcal.intrinsics import solve_and_reject
+from rigcal.detections import BoardView
+from rigcal.geometry import Floats, Ints, Pose
+from rigcal.order import corner_orders, reordered
 from rigcal.outliers import RejectionRule
+from rigcal.robust import solve_robustly
 
 MIN_SHARED_VIEWS = 2
 """Shared views below which two cameras are not joined: one view alone cannot be checked by another."""
@@ -61,7 +63,7 @@ class PairPose:
     rmse_px: float
     """Over the used corners of both cameras, lenses held."""
     turned: tuple[int, ...]
-    """Instants at which the corner order of the two cameras differs by a turn of 180 degrees."""
+    """Instants at which the corner orders of the two cameras differ by a turn of the board."""
 
     def inverse(self) -> PairPose:
         """The same pair from the other camera."""
@@ -104,32 +106,33 @@ def solve_pair(
         The pair; None where fewer than :data:`MIN_SHARED_VIEWS` views agree on a pose.
     """
     corners = board.corners_in_board
-    posed = _posed(corners, cameras, shared)
+    orders = corner_orders(board)
+    posed = _posed(corners, cameras, shared, orders)
     if len(posed) < MIN_SHARED_VIEWS:
         return None
-    turns = (False, True) if isinstance(board, Checkerboard) else (False,)
-    start = _consensus(corners, cameras[1], posed, turns, options)
-    errors = np.stack([_errors(corners, cameras[1], posed, start, turned) for turned in turns])  # (T, V)
-    turned = errors.argmin(axis=0) == 1
+    start = _consensus(corners, cameras[1], posed, orders, options)
+    errors = np.stack([_errors(corners, cameras[1], posed, start, order) for order in orders])  # (O, V)
+    order_of = errors.argmin(axis=0)
     agreeing = np.flatnonzero(errors.min(axis=0) < options.clip_px)
     if len(agreeing) < MIN_SHARED_VIEWS:
         return None
     entries, boards = [], []
     for board_idx, v in enumerate(agreeing):
         view = posed[v]
-        second = turned_view(view.second, len(corners)) if turned[v] else view.second
+        second = reordered(view.second, orders[order_of[v]])
         entries += [(0, board_idx, view.first), (1, board_idx, second)]
         boards.append(_better_pose(corners, cameras[1], view, start, second))
     state = State(cameras, (Pose.identity(), start), tuple(boards))
     no_lens = tuple(np.zeros(len(camera.params), dtype=bool) for camera in cameras)
-    names = tuple(str(i) for i in range(1 + max(view.frame_idx for _, _, view in entries)))
-    solution, kept, _ = solve_and_reject(
+    frames = tuple(str(i) for i in range(1 + max(view.frame_idx for _, _, view in entries)))
+    solved = solve_robustly(
         Observations.of(corners, entries),
         state,
         Freedom(no_lens, np.array([False, True])),
-        (names, names),
+        Names(("first", "second"), (frames, frames)),
         options.rule,
     )
+    solution, kept = solved.solution, solved.observations
     both = set(kept.board_idx[kept.camera_idx == 0].tolist()) & set(kept.board_idx[kept.camera_idx == 1].tolist())
     if len(both) < MIN_SHARED_VIEWS:
         return None
@@ -142,13 +145,8 @@ def solve_pair(
         float(np.linalg.norm(second_from_first.apply(np.array(centres)), axis=1).mean()),
         len(both),
         rmse_px(solution.residuals_px) or 0.0,
-        tuple(posed[v].instant for v in agreeing if turned[v]),
+        tuple(posed[v].instant for v in agreeing if order_of[v]),
     )
-
-
-def turned_view(view: BoardView, corner_count: int) -> BoardView:
-    """The same pixels with the corner order turned by 180 degrees."""
-    return BoardView(view.frame_idx, corner_count - 1 - view.corner_ids[::-1], view.corners_px[::-1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,40 +155,39 @@ class _Posed:
     first: BoardView
     second: BoardView
     first_from_board: tuple[Pose, ...]
-    second_from_board: tuple[Pose, ...]
-    second_from_turned: tuple[Pose, ...]
+    second_from_board: tuple[tuple[Pose, ...], ...]  # per corner order
 
 
 def _posed(
-    corners: Floats, cameras: tuple[Camera, Camera], shared: Sequence[tuple[int, BoardView, BoardView]]
+    corners: Floats,
+    cameras: tuple[Camera, Camera],
+    shared: Sequence[tuple[int, BoardView, BoardView]],
+    orders: Sequence[Ints],
 ) -> list[_Posed]:
+    def poses(camera: Camera, view: BoardView) -> tuple[Pose, ...]:
+        return tuple(candidate.cam_from_board for candidate in board_poses(camera, corners, view))
+
     found = []
     for instant, first, second in shared:
-        candidates = [
-            tuple(candidate.cam_from_board for candidate in board_poses(camera, corners, view))
-            for camera, view in (
-                (cameras[0], first),
-                (cameras[1], second),
-                (cameras[1], turned_view(second, len(corners))),
-            )
-        ]
-        if all(candidates):
-            found.append(_Posed(instant, first, second, *candidates))
+        first_from_board = poses(cameras[0], first)
+        second_from_board = tuple(poses(cameras[1], reordered(second, order)) for order in orders)
+        if first_from_board and all(second_from_board):
+            found.append(_Posed(instant, first, second, first_from_board, second_from_board))
     return found
 
 
 def _consensus(
-    corners: Floats, camera: Camera, posed: Sequence[_Posed], turns: Sequence[bool], options: PairwiseOptions
+    corners: Floats, camera: Camera, posed: Sequence[_Posed], orders: Sequence[Ints], options: PairwiseOptions
 ) -> Pose:
     """The proposal with the least clipped error over the judging views, or the first that nearly all agree with."""
     judges = [posed[i] for i in _spread(len(posed), options.judges)]
     best: tuple[float, Pose] | None = None
     for i in _spread(len(posed), options.proposals):
         view = posed[i]
-        for turned, first in product(turns, view.first_from_board):
-            for second in view.second_from_turned if turned else view.second_from_board:
+        for seconds, first in product(view.second_from_board, view.first_from_board):
+            for second in seconds:
                 proposal = second @ first.inverse()
-                errors = np.stack([_errors(corners, camera, judges, proposal, t) for t in turns]).min(axis=0)
+                errors = np.stack([_errors(corners, camera, judges, proposal, order) for order in orders]).min(axis=0)
                 score = float(np.minimum(errors, options.clip_px).sum())
                 if best is None or score < best[0]:
                     best = (score, proposal)
@@ -201,14 +198,14 @@ def _consensus(
     return best[1]
 
 
-def _errors(corners: Floats, camera: Camera, views: Sequence[_Posed], pose: Pose, turned: bool) -> Floats:
+def _errors(corners: Floats, camera: Camera, views: Sequence[_Posed], pose: Pose, order: Ints) -> Floats:
     """(V,) RMSE of each view in the second camera when the first camera places the board, best of its solutions."""
     errors = np.full(len(views), np.inf)
     for solution in range(2):
         rows = [v for v, view in enumerate(views) if len(view.first_from_board) > solution]
         if not rows:
             continue
-        seen = [turned_view(views[v].second, len(corners)) if turned else views[v].second for v in rows]
+        seen = [reordered(views[v].second, order) for v in rows]
         points = [
             views[v].first_from_board[solution].apply(corners[view.corner_ids])
             for v, view in zip(rows, seen, strict=True)
@@ -234,9 +231,3 @@ def _better_pose(corners: Floats, camera: Camera, view: _Posed, second_from_firs
 def _spread(count: int, most: int) -> list[int]:
     """At most ``most`` indices spread evenly over ``count``."""
     return [int(i) for i in np.unique(np.linspace(0, count - 1, min(most, count)).round())]
-
-
-def turned_findings(frames: Sequence[str], frame_idx: Sequence[int], partner: str) -> tuple[Finding, ...]:
-    """Findings for views whose corner order was turned to agree with another camera."""
-    reason = f"corner order turned by 180 degrees against {partner}"
-    return tuple(Finding(frames[i], "unflipped", reason) for i in frame_idx)

@@ -10,9 +10,6 @@ grow by more than :attr:`RefineOptions.noisy_ratio` keeps the lens of its calibr
 again.
 (On a capture of four webcams up to 43 ms apart, free lenses moved by up to 6 sigma and put two of six camera distances
 4-6 % off, under the prior of their own covariance still 4-6 %; held, all six are within 2.4 %.)
-
-An instant's board starts at whichever single-camera pose all its cameras together agree with best (both planar
-solutions of each are tried), which settles the planar ambiguity and is not led astray by one bad view.
 """
 
 from __future__ import annotations
@@ -22,15 +19,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rigcal.board import Board, Checkerboard
-from rigcal.boardpose import board_poses
+from rigcal.agreement import Names
+from rigcal.board import Board
 from rigcal.bundle import Freedom, Observations, Solution, State, rmse_px
 from rigcal.camera import Camera
-from rigcal.detections import BoardView, Finding, Instants
+from rigcal.detections import Finding, Instants
 from rigcal.geometry import Floats, Pose
-from rigcal.intrinsics import IntrinsicsResult, lens_freedom, solve_and_reject
+from rigcal.intrinsics import IntrinsicsResult, lens_freedom
 from rigcal.outliers import RejectionRule
-from rigcal.pairwise import turned_findings, turned_view
+from rigcal.placing import Groups, PlacedBoards, groups_of_views, place_boards
+from rigcal.robust import RobustSolution, solve_robustly
 
 _EXACT_PX = 0.01  # a detector is never nearer: below it, growth of a residual is rounding
 
@@ -64,6 +62,8 @@ class JointResult:
     """(camera index, what was done)."""
     noisy: tuple[int, ...]
     """Cameras whose lens was held at its own calibration, since shared views contradict it."""
+    order_of: Mapping[tuple[int, int], int]
+    """Corner order (index into :func:`rigcal.order.corner_orders`) of each (camera, frame) that was numbered anew."""
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -98,87 +98,44 @@ def refine_rig(
         cam_from_rig: Starting poses, the first the identity.
         options: Limits.
     """
-    corners = board.corners_in_board
     cameras = tuple(lens.camera for lens in lenses)
-    turns = (False, True) if isinstance(board, Checkerboard) else (False,)
-    entries: list[tuple[int, int, BoardView]] = []
-    boards: list[Pose] = []
-    turned: list[tuple[int, Finding]] = []
-    for group in _groups(lenses, instants):
-        start = _starting_pose(corners, cameras, cam_from_rig, group, turns, options.clip_px)
-        if start is None:
-            continue
-        pose, flips = start
-        for camera, view in group.items():
-            if flips[camera]:
-                partner = ", ".join(lenses[c].camera_id for c in group if not flips[c])
-                turned += [(camera, f) for f in turned_findings(frames[camera], [view.frame_idx], partner)]
-            entries.append((camera, len(boards), turned_view(view, len(corners)) if flips[camera] else view))
-        boards.append(pose)
-    observations = Observations.of(corners, entries)
+    names = Names(tuple(lens.camera_id for lens in lenses), tuple(frames))
+    groups = groups_of_views(lenses, instants, names)
+    placed = place_boards(board, cameras, cam_from_rig, groups.views, names, options.clip_px)
+    observations = Observations.of(board.corners_in_board, placed.entries, _weights(groups, placed, lenses))
     freedom = lens_freedom(cameras, poses_free=(False, *[True] * (len(cameras) - 1)))
     if not options.free_lenses:
         freedom = Freedom(tuple(np.zeros(len(c.params), dtype=bool) for c in cameras), freedom.poses)
-    state = State(cameras, tuple(cam_from_rig), tuple(boards))
-    solution, kept, findings = solve_and_reject(observations, state, freedom, tuple(frames), options.rule)
-    noisy = _noisy(lenses, solution, kept, options.noisy_ratio) if options.free_lenses else ()
+    start = State(cameras, tuple(cam_from_rig), placed.rig_from_board)
+    solved = solve_robustly(observations, start, freedom, names, options.rule)
+    noisy = _noisy(lenses, solved, options.noisy_ratio) if options.free_lenses else ()
     if noisy:
         freedom = _with_held_lenses(freedom, noisy)
-        solution, kept, findings = solve_and_reject(observations, state, freedom, tuple(frames), options.rule)
-    return JointResult(solution, kept, freedom, state, (*turned, *findings), noisy)
+        solved = solve_robustly(observations, start, freedom, names, options.rule)
+    findings = (*groups.findings, *placed.findings, *solved.findings)
+    return JointResult(solved.solution, solved.observations, freedom, start, findings, noisy, placed.order_of)
 
 
-def _noisy(lenses: Sequence[IntrinsicsResult], solution: Solution, kept: Observations, ratio: float) -> tuple[int, ...]:
+def _weights(groups: Groups, placed: PlacedBoards, lenses: Sequence[IntrinsicsResult]) -> dict[tuple[int, int], float]:
+    """Weight by (camera, board) of views whose board moved between the exposures of its instant."""
+    weights = {}
+    for board_idx, group in enumerate(placed.group_of):
+        for camera, moved_px in groups.moved_px[group].items():
+            variance = max(lenses[camera].rmse_px, _EXACT_PX) ** 2 / 2
+            weights[camera, board_idx] = variance / (variance + moved_px**2)
+    return weights
+
+
+def _noisy(lenses: Sequence[IntrinsicsResult], solved: RobustSolution, ratio: float) -> tuple[int, ...]:
     """Cameras whose residuals grew by more than ``ratio`` when they had to agree with the others."""
+    camera_idx, residuals = solved.observations.camera_idx, solved.solution.residuals_px
     return tuple(
         camera
         for camera, lens in enumerate(lenses)
-        if (rmse_px(solution.residuals_px[kept.camera_idx == camera]) or 0.0) > ratio * max(lens.rmse_px, _EXACT_PX)
+        if (rmse_px(residuals[camera_idx == camera]) or 0.0) > ratio * max(lens.rmse_px, _EXACT_PX)
     )
 
 
 def _with_held_lenses(freedom: Freedom, noisy: Sequence[int]) -> Freedom:
     """The same freedom, with the lenses of ``noisy`` cameras held."""
     return replace(freedom, params=tuple(free & (camera not in noisy) for camera, free in enumerate(freedom.params)))
-
-
-def _groups(lenses: Sequence[IntrinsicsResult], instants: Instants) -> list[dict[int, BoardView]]:
-    """Views of each instant by camera, in order of time."""
-    by_frame = [{view.frame_idx: view for view in lens.views} for lens in lenses]
-    groups = []
-    for row in instants.frame_idx:
-        group = {c: by_frame[c][int(f)] for c, f in enumerate(row) if int(f) in by_frame[c]}
-        if group:
-            groups.append(group)
-    return groups
-
-
-def _starting_pose(
-    corners: Floats,
-    cameras: Sequence[Camera],
-    cam_from_rig: Sequence[Pose],
-    group: Mapping[int, BoardView],
-    turns: Sequence[bool],
-    clip_px: float,
-) -> tuple[Pose, dict[int, bool]] | None:
-    """``rig_from_board`` that the group's views agree with best, and which of them are turned by 180 degrees."""
-    best: tuple[float, Pose, dict[int, bool]] | None = None
-    for proposer, view in group.items():
-        rig_from_cam = cam_from_rig[proposer].inverse()
-        for candidate in board_poses(cameras[proposer], corners, view):
-            rig_from_board = rig_from_cam @ candidate.cam_from_board
-            total, flips = 0.0, {}
-            for camera, seen in group.items():
-                points = (cam_from_rig[camera] @ rig_from_board).apply(corners)
-                pixels = cameras[camera].project(points)
-                errors = [_gap(pixels, turned_view(seen, len(corners)) if t else seen) for t in turns]
-                flips[camera] = len(errors) > 1 and errors[1] < min(errors[0], clip_px)
-                total += min(*errors, clip_px)
-            if best is None or total < best[0]:
-                best = (total, rig_from_board, flips)
-    return best[1:] if best else None
-
-
-def _gap(pixels: Floats, view: BoardView) -> float:
-    gap = pixels[view.corner_ids] - view.corners_px
-    return float(np.sqrt((gap**2).sum(axis=1).mean())) if np.isfinite(gap).all() else float("inf")

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rigcal.board import Checkerboard
 from rigcal.boardpose import board_poses
 from rigcal.bundle import rmse_px
 from rigcal.detections import BoardView, SiteDetections
 from rigcal.geometry import Floats
 from rigcal.graph import Chain
 from rigcal.intrinsics import IntrinsicsResult
-from rigcal.pairwise import turned_view
+from rigcal.order import corner_orders, reordered
 from rigcal.refine import JointResult
 
 
@@ -24,7 +23,7 @@ def chained_rmse_px(
 
     Where a camera shares no view with the reference, the nearest camera to it on the chain that does places them.
     """
-    corners, flippable = detections.board.corners_in_board, isinstance(detections.board, Checkerboard)
+    corners, orders = detections.board.corners_in_board, corner_orders(detections.board)
     mine = {view.frame_idx: view for view in lenses[camera].views}
     for placer in chain.paths[camera][:-1]:
         placed = dict(
@@ -36,8 +35,7 @@ def chained_rmse_px(
             view = mine.get(int(row[camera]))
             if view is not None and int(row[placer]) in placed:
                 pixels = lenses[camera].camera.project((cam_from_placer @ placed[int(row[placer])]).apply(corners))
-                orders = (view, turned_view(view, len(corners))) if flippable else (view,)
-                gaps.append(min((pixels[v.corner_ids] - v.corners_px for v in orders), key=_squared))
+                gaps.append(min((pixels[order[view.corner_ids]] - view.corners_px for order in orders), key=_squared))
         if gaps:
             stacked = np.concatenate(gaps)
             return rmse_px(stacked[np.isfinite(stacked).all(axis=1)])
@@ -64,11 +62,10 @@ def residuals_of_all(detections: SiteDetections, joint: JointResult, camera: int
     lens, cam_from_rig = joint.cameras[camera], joint.cam_from_rig[camera]
     boards = {(int(c), int(f)): int(b) for c, f, b in zip(obs.camera_idx, obs.frame_idx, obs.board_idx, strict=True)}
     instant_of = {int(row[camera]): row for row in detections.instants.frame_idx}
-    turned = {(c, finding.frame) for c, finding in joint.findings if finding.action == "unflipped"}
+    orders = corner_orders(detections.board)
     found = []
     for view in detections.cameras[camera].views:
-        if (camera, detections.cameras[camera].frames[view.frame_idx]) in turned:
-            view = turned_view(view, len(corners))  # noqa: PLW2901
+        view = reordered(view, orders[joint.order_of.get((camera, view.frame_idx), 0)])  # noqa: PLW2901
         row = instant_of[view.frame_idx]
         board = next((boards[c, int(f)] for c, f in enumerate(row) if (c, int(f)) in boards), None)
         if board is not None:

@@ -178,7 +178,7 @@ def exact_detections(
         cameras.append(BoardDetections(camera.id, camera.camera.size_wh, frames, tuple(views)))
     numbers = np.arange(len(frames))
     frame_idx = np.repeat(numbers[:, None], len(rig.cameras), axis=1)
-    instants = Instants("frame numbers", frame_idx, numbers.astype(float), np.zeros(len(frames)))
+    instants = Instants("frame numbers", frame_idx, numbers.astype(float), np.zeros(frame_idx.shape))
     return SiteDetections(board, tuple(cameras), instants)
 
 

@@ -1,12 +1,21 @@
 """ChArUco boards and AprilGrids in one image: OpenCV's markers say which corner is which, the fit says where it is.
 
-Measured on a real capture of an inverted 4x5 ChArUco (4 cameras, 111 frames each): 46, 28, 43 and 45 views, and
-``cv2.calibrateCamera`` leaves 0.07, 0.04, 0.05 and 0.07 px where the detector's own corners leave 0.16, 0.15, 0.26 and
-0.26. Inverting the image finds 162 views, ``detectInvertedMarker`` 146. On nine real AprilGrids the fit moves the tag
-detector's corners by 1.2-2.7 px (median per image), since the black squares between the tags draw them outwards.
+Two-sided boards carry the mirror image on the back of the sheet, so that every corner lies upon itself. Markers are
+looked up among those printed and among their mirror images at once: that costs a thirtieth more, where searching the
+mirrored image as well would cost as much again. Corners keep their numbers, and run the other way round in the image;
+:func:`shows_back` tells the two apart.
+
+Measured on a real capture of an inverted 4x5 ChArUco (4 cameras, 111 frames each): 46, 35, 44 and 45 views, none of
+them of a back, and ``cv2.calibrateCamera`` leaves 0.04-0.07 px (0.10 with one view of a moving board) where the
+detector's own corners leave 0.15-0.26. On nine real AprilGrids the fit moves the tag detector's corners by 1.2-2.7 px
+(median per image), since the black squares between the tags draw them outwards.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -21,10 +30,24 @@ LEAST_CORNERS = 6
 """Fewer corners of a board do not tell a pose from its mirror image."""
 CODE_BITS = {"tag16h5": 4, "tag25h9": 5, "tag36h10": 6, "tag36h11": 6}
 """Bits of a tag's code along one side, without its border."""
+SMALLEST_MARKER_PX = 10.0
 MOST_OFF_LATTICE = 0.5
 """Distance of a corner from where its neighbour has it, in steps. A wrong layout is off by one or more, real fisheye
 views by 0.4 at most and by 0.23 in nine of ten places."""
 LEAST_ON_LATTICE = 0.8
+_AS_PRINTED, _FROM_BEHIND = [0, 1, 2, 3], [1, 0, 3, 2]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Markers:
+    """Markers of one side of a board in an image."""
+
+    ids: Ints
+    """(n,) numbers, ascending."""
+    quads_px: Floats
+    """(n, 4, 2) corners in the marker's own order: clockwise from the front, counter-clockwise from behind."""
+    back: bool
+    """Whether these are mirror images."""
 
 
 def find_charuco(grey: Grey, board: Charuco) -> FoundBoard | None:
@@ -35,18 +58,8 @@ def find_charuco(grey: Grey, board: Charuco) -> FoundBoard | None:
         board: the board; an ``inverted`` one is looked for in the negative.
     """
     image = np.asarray(cv2.bitwise_not(grey), dtype=np.uint8) if board.inverted else grey
-    raw, raw_ids, _, _ = cv2.aruco.CharucoDetector(opencv_charuco(board)).detectBoard(image)
-    if raw_ids is None or not _is_useful(board, ids := np.ravel(raw_ids).astype(np.int64)):
-        return None
-    corners, squares = np.reshape(raw, (-1, 2)).astype(np.float64), board.corners_in_board[ids] / board.square_size_m
-    along_x, along_y = _steps(squares, corners)
-    if _cross(along_x, along_y).min() <= 0:
-        return None
-    # What is nearest to a corner apart from its edges is the corner of a marker, on the diagonal of the square.
-    fit = fit_crossings(image, corners, along_x, along_y, reach=0.95 * np.sqrt(0.5) * (1 - board.marker_ratio))
-    alternating = fit.contrast * (1 - 2 * (squares.sum(axis=1).round() % 2))
-    good = are_crossings(fit, along_x, along_y) & (alternating * np.median(alternating) > 0)
-    return _found(board, ids, fit, good)
+    sides = find_markers(image, board.dictionary, count=board.columns * board.rows // 2)
+    return _best(_charuco_corners(image, board, markers) for markers in sides)
 
 
 def find_aprilgrid(grey: Grey, board: AprilGrid) -> FoundBoard | None:
@@ -58,28 +71,100 @@ def find_aprilgrid(grey: Grey, board: AprilGrid) -> FoundBoard | None:
         grey: (height, width) 8-bit image.
         board: the grid.
     """
-    tags, quads = _tags(grey, board)
-    if not len(tags):
+    count = board.columns * board.rows
+    sides = find_markers(grey, board.dictionary, count=count, border_bits=board.border_bits)
+    return _best(_aprilgrid_corners(grey, board, markers) for markers in sides)
+
+
+def shows_back(board: Charuco | AprilGrid, corner_ids: Ints, corners_px: Floats) -> bool:
+    """Whether corners (n,), (n, 2) in pixels are those of the back of a two-sided board."""
+    along_x, along_y = _steps(board.corners_in_board[corner_ids] / board.square_size_m, corners_px)
+    return bool(np.median(_cross(along_x, along_y)) < 0)
+
+
+def find_markers(image: Grey, dictionary: str, *, count: int, border_bits: int = 1) -> list[Markers]:
+    """Markers seen once, of the front and of the back; the side with more of them first.
+
+    Args:
+        image: (height, width) 8-bit image in which the markers' borders are black.
+        dictionary: OpenCV's name of the dictionary.
+        count: how many of its markers, from number 0, may be there.
+        border_bits: width of the black border in bits.
+    """
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.markerBorderBits = border_bits
+    parameters.minMarkerPerimeterRate = 4 * SMALLEST_MARKER_PX / max(image.shape)
+    detector = cv2.aruco.ArucoDetector(_both_sides(dictionary, count), parameters)
+    raw_quads, raw_ids, _, raw_sides = detector.detectMarkersMultiDict(image)
+    if not len(raw_quads):
+        return []
+    quads, ids, side = np.reshape(raw_quads, (-1, 4, 2)).astype(np.float64), np.ravel(raw_ids), np.ravel(raw_sides)
+    found = []
+    for back, order in enumerate((_AS_PRINTED, _FROM_BEHIND)):
+        numbers, first, times = np.unique(ids[side == back], return_index=True, return_counts=True)
+        seen_once = quads[side == back][first[times == 1]]
+        found.append(Markers(numbers[times == 1].astype(np.int64), seen_once[:, order], bool(back)))
+    return sorted(found, key=lambda markers: -len(markers.ids))
+
+
+@lru_cache(maxsize=32)
+def _both_sides(name: str, count: int) -> tuple[cv2.aruco.Dictionary, cv2.aruco.Dictionary]:
+    """The first ``count`` markers of a dictionary, and their mirror images."""
+    whole = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+    size, corrected_bits = whole.markerSize, whole.maxCorrectionBits
+    codes = [cv2.aruco.Dictionary.getBitsFromByteList(code[None], size) for code in whole.bytesList[:count]]
+    mirrored = [cv2.aruco.Dictionary.getByteListFromBits(np.ascontiguousarray(code[:, ::-1])) for code in codes]
+    return (
+        cv2.aruco.Dictionary(whole.bytesList[:count].copy(), size, corrected_bits),
+        cv2.aruco.Dictionary(np.concatenate(mirrored), size, corrected_bits),
+    )
+
+
+def _best(sides: Iterable[FoundBoard | None]) -> FoundBoard | None:
+    """The first side that may be used, else the first that is seen at all."""
+    refused = None
+    for found in sides:
+        if found is not None and not found.problem:
+            return found
+        refused = refused or found
+    return refused
+
+
+def _charuco_corners(image: Grey, board: Charuco, markers: Markers) -> FoundBoard | None:
+    """Corners beside one marker or more: with two at least, as OpenCV would have it, a twentieth of them is lost."""
+    if len(markers.ids) < 2:
         return None
+    parameters = cv2.aruco.CharucoParameters()
+    parameters.minMarkers = 1
+    quads = [np.ascontiguousarray(quad[None]) for quad in markers.quads_px.astype(np.float32)]
+    raw, raw_ids, _, _ = cv2.aruco.CharucoDetector(opencv_charuco(board), parameters).detectBoard(
+        image, markerCorners=quads, markerIds=markers.ids.astype(np.int32)[:, None]
+    )
+    if raw_ids is None or not _is_useful(board, ids := np.ravel(raw_ids).astype(np.int64)):
+        return None
+    corners, squares = np.reshape(raw, (-1, 2)).astype(np.float64), board.corners_in_board[ids] / board.square_size_m
+    along_x, along_y = _steps(squares, corners)
+    if (_cross(along_x, along_y) * (-1.0 if markers.back else 1.0)).min() <= 0:
+        return None
+    # What is nearest to a corner apart from its edges is the corner of a marker, on the diagonal of the square.
+    fit = fit_crossings(image, corners, along_x, along_y, reach=0.95 * np.sqrt(0.5) * (1 - board.marker_ratio))
+    alternating = fit.contrast * (1 - 2 * (squares.sum(axis=1).round() % 2))
+    good = are_crossings(fit, along_x, along_y) & (alternating * np.median(alternating) > 0)
+    return _found(board, ids, fit, good)
+
+
+def _aprilgrid_corners(grey: Grey, board: AprilGrid, markers: Markers) -> FoundBoard | None:
+    """Corners of tags, each where the tag's border meets the small black square beside it."""
+    if not len(markers.ids):
+        return None
+    quads = markers.quads_px
     right, down = quads[:, [1, 1, 2, 2]] - quads[:, [0, 0, 3, 3]], quads[:, [3, 2, 2, 3]] - quads[:, [0, 1, 1, 0]]
     along_x, along_y = right.reshape(-1, 2), down.reshape(-1, 2)
     border = board.border_bits / (CODE_BITS[board.family] + 2 * board.border_bits)
     fit = fit_crossings(grey, quads.reshape(-1, 2), along_x, along_y, reach=min(border, board.spacing))
-    good = are_crossings(fit, along_x, along_y) & (fit.contrast * np.tile([-1.0, 1.0, -1.0, 1.0], len(tags)) > 0)
-    return _found(board, (4 * tags[:, None] + np.arange(4)).ravel(), fit, good)
-
-
-def _tags(grey: Grey, board: AprilGrid) -> tuple[Ints, Floats]:
-    """Numbers (n,) ascending and corners (n, 4, 2) of the grid's tags that are seen once."""
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.markerBorderBits = board.border_bits
-    family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
-    quads, raw_ids, _ = cv2.aruco.ArucoDetector(family, parameters).detectMarkers(grey)
-    if not len(quads):
-        return np.zeros(0, dtype=np.int64), np.zeros((0, 4, 2))
-    numbers, first, count = np.unique(np.ravel(raw_ids), return_index=True, return_counts=True)
-    used = (count == 1) & (numbers < board.columns * board.rows)
-    return numbers[used].astype(np.int64), np.reshape(quads, (-1, 4, 2))[first[used]].astype(np.float64)
+    alternating = fit.contrast * np.tile([-1.0, 1.0, -1.0, 1.0], len(quads))
+    good = are_crossings(fit, along_x, along_y) & (alternating > 0)
+    return _found(board, (4 * markers.ids[:, None] + np.arange(4)).ravel(), fit, good)
 
 
 def _found(board: Charuco | AprilGrid, ids: Ints, fit: Crossings, good: Bools) -> FoundBoard | None:

@@ -95,8 +95,10 @@ class Entry:
         return np.array([Entry(self.file, f"{self.name}[{i}]", row).number() for i, row in enumerate(rows)])
 
     def matrix(self, rows: int, columns: int) -> Floats:
-        """A matrix, as a list of rows of finite numbers."""
+        """A matrix, as a list of rows of finite numbers, or as all its numbers in one list row by row."""
         elements = self.elements()
+        if columns > 1 and len(elements) == rows * columns and not isinstance(elements[0].value, list):
+            return self.numbers(rows * columns).reshape(rows, columns)
         if len(elements) != rows:
             raise self.error(f"{rows} rows of {columns} numbers", f"{len(elements)} rows")
         return np.stack([element.numbers(columns) for element in elements])
@@ -132,6 +134,21 @@ class Entry:
         if K[0, 1] or K[1, 0] or K[2].tolist() != [0.0, 0.0, 1.0]:
             raise self.error("[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
         return K[[0, 1, 0, 1], [0, 1, 2, 2]]
+
+    def pose_matrix(self) -> Pose:
+        """A pose from a homogeneous matrix (4, 4); the nearest rotation is taken."""
+        matrix = self.matrix(4, 4)
+        if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+            raise self.error("a last row of 0, 0, 0, 1", matrix[3].tolist())
+        return Pose(self.nearest_rotation(matrix[:3, :3]), matrix[:3, 3])
+
+    def quaternion(self) -> Floats:
+        """(4,) unit quaternion, in the order that the file has."""
+        quaternion = self.numbers(4)
+        length = float(np.linalg.norm(quaternion))
+        if abs(length - 1) > ROTATION_TOLERANCE:
+            raise self.error("a quaternion of length 1", f"length {length:.6g}")
+        return quaternion
 
     def camera(self, model: str, size_wh: tuple[int, int], params: Floats) -> Camera:
         """A camera of this entry; focal lengths that are not positive are refused."""

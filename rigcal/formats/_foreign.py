@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from rigcal.camera import Camera
-from rigcal.errors import LossyExportError
+from rigcal.errors import ForeignNameError, LossyExportError
 from rigcal.geometry import Pose
 from rigcal.rig import Rig, RigCamera
 
@@ -70,8 +71,8 @@ def _scaled(pose: Pose, metres_per_unit: float) -> Pose:
 class Written:
     """An exported rig."""
 
-    text: str
-    """The whole file."""
+    content: str | Mapping[str, str]
+    """The whole file; or the texts of a folder's files by their names."""
     conventions: tuple[str, ...]
     """What the numbers in it mean, one line each, for the user to compare with what reads the file."""
 
@@ -94,6 +95,26 @@ def refuse_loss(camera: RigCamera, *, held: Collection[str], to: str, do_next: s
     if lost:
         model = camera.camera.model
         raise LossyExportError(camera_id=camera.id, model=model, to=to, coefficients=lost, do_next=do_next)
+
+
+def refuse_names(rig: Rig, allowed: str, *, to: str, expected: str) -> None:
+    """Refuse camera names that do not match the pattern ``allowed``, or that differ in capitals only.
+
+    Raises:
+        ForeignNameError: naming the first such camera, and what ``expected`` says of names.
+    """
+    taken: set[str] = set()
+    for camera_id in rig.camera_ids:
+        if re.fullmatch(allowed, camera_id) is None:
+            raise ForeignNameError(camera_id, to=to, expected=expected)
+        if camera_id.casefold() in taken:
+            raise ForeignNameError(camera_id, to=to, expected="names that differ in more than capitals")
+        taken.add(camera_id.casefold())
+
+
+def coefficients_of(lens: Camera, names: Sequence[str]) -> list[float]:
+    """Coefficients of a lens by name; 0 for those that its model does not have."""
+    return [lens.coefficients.get(name, 0.0) for name in names]
 
 
 def largest_distance_m(rig: Rig) -> float:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from rigcal.camera import FOCAL_AND_CENTRE, Camera
+from rigcal.camera import FOCAL_AND_CENTRE
 from rigcal.errors import FormatError
 from rigcal.formats._entries import Entry
 from rigcal.formats._foreign import METRES_PER_UNIT, ForeignCamera, ForeignRig, Written, cams_from_common, refuse_loss
@@ -114,12 +114,8 @@ def _table(camera: RigCamera, pose: Pose) -> dict[str, object]:
         "name": camera.id,
         "size": list(lens.size_wh),
         "matrix": lens.matrix.tolist(),
-        "distortions": _distortions(lens, held),
+        "distortions": coefficients_of(lens, held),
         "rotation": pose.rvec_rad.tolist(),
         "translation": pose.translation_m.tolist(),
         "fisheye": lens.is_fisheye,
     }
-
-
-def _distortions(lens: Camera, names: tuple[str, ...]) -> list[float]:
-    return [lens.coefficients.get(name, 0.0) for name in names]

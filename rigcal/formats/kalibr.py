@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from rigcal.camera import FOCAL_AND_CENTRE, MODELS, Camera
-from rigcal.formats._camchain_yaml import list_text, parse_camchain, quoted
 from rigcal.formats._entries import Entry
 from rigcal.formats._foreign import ForeignCamera, ForeignRig, Written, refuse_loss
+from rigcal.formats._yaml import list_text, parse_yaml, quoted
 from rigcal.geometry import Pose
 from rigcal.rig import Rig, RigCamera
 
@@ -42,23 +42,15 @@ def read(file: Path, text: str) -> ForeignRig:
     Raises:
         FormatError: for other projections than pinhole, or a missing or malformed entry, naming it.
     """
-    content = Entry(file, "", parse_camchain(file, text))
+    content = Entry(file, "", parse_yaml(file, text))
     cameras: list[ForeignCamera] = []
     for index in range(max(1, len(content.value))):
         entry = content[f"cam{index}"]
-        cam_from_cam0 = _cam_from_previous(entry) @ cameras[-1].cam_from_common if cameras else Pose.identity()
+        cam_from_cam0 = entry["T_cn_cnm1"].pose_matrix() @ cameras[-1].cam_from_common if cameras else Pose.identity()
         cameras.append(ForeignCamera(f"cam{index}", _lens(entry), cam_from_cam0))
     kept = {camera.id: _rest(content[camera.id]) for camera in cameras}
     extensions = {"kalibr": kept} if any(kept.values()) else {}
     return ForeignRig(tuple(cameras), unit="m", extensions=extensions)
-
-
-def _cam_from_previous(entry: Entry) -> Pose:
-    transform = entry["T_cn_cnm1"]
-    matrix = transform.matrix(4, 4)
-    if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-        raise transform.error("a last row of 0, 0, 0, 1", matrix[3].tolist())
-    return Pose(transform.nearest_rotation(matrix[:3, :3]), matrix[:3, 3])
 
 
 def _lens(entry: Entry) -> Camera:

@@ -1,8 +1,6 @@
 """Geometry of the rig seen from above: where the cameras stand, what they see, how they were joined.
 
-Only numbers and SVG path data come from here; ``figures.svg.j2`` draws them. "Above" is the world's z axis where the
-rig file knows a world. Else it is against the mean "down" axis of the cameras, which is near the vertical where cameras
-are mounted upright; the figure says which.
+Only numbers and SVG path data come from here; ``figures.svg.j2`` draws them.
 """
 
 from __future__ import annotations
@@ -12,20 +10,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rigcal.camera import Camera
 from rigcal.evidence import Evidence
-from rigcal.geometry import Floats, Pose
+from rigcal.geometry import Floats
 from rigcal.report.numbers import fixed, round_down
+from rigcal.report.rays import middle_row_rays
 from rigcal.report.svgpath import dots, polygon
-from rigcal.report.words import chain_links, counted
+from rigcal.report.upright import Upright, greatest_sigma_m, position_covariances, upright_frame
+from rigcal.report.words import chain_links, counted, shortened
 from rigcal.rig import RigCamera
 from rigcal.rigdocument import RigDocument
 from rigcal.rigfile import rig_of
 
 WIDTH, HEIGHT, MARGIN = 640.0, 520.0, 40.0
 """Greatest size of the figure and the room above and below what is drawn to scale, in its units."""
-LABEL_CHARACTERS, CHARACTER_UNITS = 14, 11.5
-"""Characters of a camera's id that are shown beside its dot, and the width of one; longer ids end in an ellipsis."""
+CHARACTER_UNITS = 11.5
+"""Width of a character of a camera's id."""
 WEDGE_SHARE = 0.22
 """Length of a viewing wedge over the greater extent of the cameras and boards."""
 ELLIPSE_UNITS = 26.0
@@ -34,12 +33,6 @@ LABELLED_UNITS = 96.0
 """Length of a line below which its label would cover the cameras at its ends."""
 LABEL_UNITS = 13.0
 """Distance of a camera's label from its dot."""
-DEGENERATE = 0.2
-"""Length of a mean of unit vectors below which they point in no common direction."""
-INVERTED_PX = 0.5
-"""Distance from its pixel at which a ray's projection shows that the lens model was not inverted there."""
-MIDDLE_ROW_SAMPLES = 13
-"""Rays of a wedge: its far side looks round."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,18 +97,6 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _View:
-    """The projection to the plane: ``rows @ point_in_rig + offset_m`` is (right, up the page) in metres."""
-
-    rows: Floats
-    offset_m: Floats
-    above: str
-
-    def __call__(self, points_in_rig: Floats) -> Floats:
-        return np.asarray(points_in_rig @ self.rows.T + self.offset_m)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Page:
     """From metres in the plane to the figure's units, x to the right and y down."""
 
@@ -140,7 +121,7 @@ class _Page:
 
 def _page(drawn_m: Floats, label_characters: int) -> _Page:
     low_m, high_m = drawn_m.min(axis=0), drawn_m.max(axis=0)
-    label_units = CHARACTER_UNITS * min(label_characters, LABEL_CHARACTERS)
+    label_units = CHARACTER_UNITS * label_characters
     margins = np.array([LABEL_UNITS + label_units, MARGIN])
     room = np.array([WIDTH, HEIGHT]) - 2 * margins
     return _Page(low_m, high_m, margins, float((room / np.maximum(high_m - low_m, 1e-9)).min()))
@@ -149,14 +130,14 @@ def _page(drawn_m: Floats, label_characters: int) -> _Page:
 def plan_of(document: RigDocument, evidence: Evidence | None) -> Plan:
     """The rig of a document, seen from above."""
     rig = rig_of(document)
-    view = _view(rig.cameras, rig.world_from_rig, rig.camera(rig.reference))
-    boards = view(evidence.board_centres_m) if evidence else np.zeros((0, 2))
-    centres = view(np.array([camera.cam_from_rig.inverse().translation_m for camera in rig.cameras]))
+    upright = upright_frame(rig)
+    boards = upright(evidence.board_centres_m)[:, :2] if evidence else np.zeros((0, 2))
+    centres = upright(np.array([camera.cam_from_rig.inverse().translation_m for camera in rig.cameras]))[:, :2]
     extent_m = float(np.ptp(np.concatenate([centres, boards]), axis=0).max()) or 1.0
-    wedges = [_wedge(camera, view, WEDGE_SHARE * extent_m) for camera in rig.cameras]
-    page = _page(np.concatenate([centres, boards, *wedges]), max(len(camera_id) for camera_id in rig.camera_ids))
-    covariances = _position_covariances(document, view)
-    greatest_m = max((float(np.sqrt(np.linalg.eigvalsh(c)[-1])) for c in covariances.values()), default=0.0)
+    wedges = [_wedge(camera, upright, WEDGE_SHARE * extent_m) for camera in rig.cameras]
+    page = _page(np.concatenate([centres, boards, *wedges]), max(len(shortened(camera_id)) for camera_id in rig.camera_ids))
+    covariances = {name: c[:2, :2] for name, c in position_covariances(document, upright).items()}
+    greatest_m = greatest_sigma_m(covariances)
     magnification = round_down(ELLIPSE_UNITS / page.scale / greatest_m) if greatest_m > 0 else None
     units_per_m = (magnification or 1.0) * page.scale
     at, bar_m = page(centres), round_down(WIDTH / 4 / page.scale)
@@ -164,7 +145,7 @@ def plan_of(document: RigDocument, evidence: Evidence | None) -> Plan:
     return Plan(
         width=page.size[0],
         height=page.size[1],
-        above=view.above,
+        above=upright.above,
         cameras=tuple(
             _plan_camera(camera.id, at[i], page(wedges[i]), covariances.get(camera.id), units_per_m)
             for i, camera in enumerate(rig.cameras)
@@ -179,75 +160,10 @@ def plan_of(document: RigDocument, evidence: Evidence | None) -> Plan:
     )
 
 
-def horizontal_fov_deg(camera: Camera) -> float:
-    """Angle that the image's middle row spans, edge to edge."""
-    rays = middle_row_rays(camera)
-    sines, cosines = np.linalg.norm(np.cross(rays[:-1], rays[1:]), axis=1), (rays[:-1] * rays[1:]).sum(axis=1)
-    return float(np.rad2deg(np.arctan2(sines, cosines).sum()))
-
-
-def middle_row_rays(camera: Camera) -> Floats:
-    """(n, 3) unit rays in the camera frame of pixels along the middle row, edge to edge.
-
-    Where the lens model cannot be inverted (its polynomial turns back before the edge, or the ray lies beside the
-    camera), the ray is that of the same lens without distortion.
-    """
-    width, height = camera.size_wh
-    columns = np.linspace(-0.5, width - 0.5, MIDDLE_ROW_SAMPLES)
-    pixels = np.stack([columns, np.full_like(columns, (height - 1) / 2)], axis=1)
-    rays = camera.rays(pixels)
-    gap_px = np.linalg.norm(camera.project(rays) - pixels, axis=1)
-    inverted = np.nan_to_num(gap_px, nan=np.inf) < INVERTED_PX
-    return np.where(inverted[:, None], rays, _undistorted_rays(camera, pixels))
-
-
-def _undistorted_rays(camera: Camera, pixels: Floats) -> Floats:
-    xy = (pixels - camera.params[2:4]) / camera.params[:2]
-    if camera.is_fisheye:  # equidistant: the distance from the centre is the angle
-        angle = np.linalg.norm(xy, axis=1, keepdims=True)
-        return np.concatenate([xy * np.sinc(angle / np.pi), np.cos(angle)], axis=1)
-    rays = np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
-
-
-def _view(cameras: tuple[RigCamera, ...], world_from_rig: Pose | None, reference: RigCamera) -> _View:
-    if world_from_rig is not None:
-        above = "along the world's z axis: x to the right, y up the page"
-        return _View(world_from_rig.rotation[:2], world_from_rig.translation_m[:2], above)
-    down = np.mean([camera.cam_from_rig.rotation[1] for camera in cameras], axis=0)
-    above = "along the mean down axis of the cameras, as the vertical is not known"
-    if np.linalg.norm(down) < DEGENERATE:
-        down = reference.cam_from_rig.rotation[1]
-        above = f"along the down axis of {reference.id}, as the vertical is not known and the cameras' down axes differ"
-    up = -down / np.linalg.norm(down)
-    forwards = (axis - (axis @ up) * up for axis in reference.cam_from_rig.rotation[[2, 1, 0]])
-    forward = next(axis for axis in forwards if np.linalg.norm(axis) > DEGENERATE)
-    ahead = forward / np.linalg.norm(forward)
-    return _View(np.stack([np.cross(ahead, up), ahead]), np.zeros(2), above)
-
-
-def _wedge(camera: RigCamera, view: _View, length_m: float) -> Floats:
+def _wedge(camera: RigCamera, upright: Upright, length_m: float) -> Floats:
     rig_from_cam = camera.cam_from_rig.inverse()
     fan = rig_from_cam.apply(np.concatenate([np.zeros((1, 3)), length_m * middle_row_rays(camera.camera)]))
-    return view(fan)
-
-
-def _position_covariances(document: RigDocument, view: _View) -> dict[str, Floats]:
-    """(2, 2) covariance in m^2 of each camera's position in the plane, where the file has one.
-
-    With ``c = -R^T t`` and the left perturbation ``(exp(w) R, t + v)``: ``dc = -R^T [t]x w - R^T v``.
-    """
-    if document.covariance is None:
-        return {}
-    matrix, found = np.array(document.covariance.matrix), {}
-    ids = [name.rpartition(".")[0] for name in document.covariance.order[::2]]
-    poses = {camera.id: camera.cam_from_rig.pose for camera in document.cameras}
-    for index, camera_id in enumerate(ids):
-        R, t = poses[camera_id].rotation, poses[camera_id].translation_m
-        by_pose = view.rows @ np.hstack([-np.cross(R.T, t), -R.T])
-        rows = slice(6 * index, 6 * index + 6)
-        found[camera_id] = by_pose @ matrix[rows, rows] @ by_pose.T
-    return found
+    return upright(fan)[:, :2]
 
 
 def _plan_camera(
@@ -262,8 +178,7 @@ def _plan_camera(
         minor, major = np.sqrt(np.maximum(values, 0)) * units_per_m
         ellipse = (float(major), float(minor), float(np.rad2deg(np.arctan2(-vectors[1, 1], vectors[0, 1]))))
     x, y, label_x, label_y = (float(v) for v in (*at, *(at + LABEL_UNITS * away)))
-    shown = camera_id if len(camera_id) <= LABEL_CHARACTERS else camera_id[: LABEL_CHARACTERS - 1] + "…"
-    return PlanCamera(shown, x, y, label_x, label_y, anchor, polygon(wedge), ellipse)
+    return PlanCamera(shortened(camera_id), x, y, label_x, label_y, anchor, polygon(wedge), ellipse)
 
 
 def _edges(document: RigDocument, at: Floats) -> tuple[PlanEdge, ...]:

@@ -9,6 +9,8 @@ from rigcal.rigdocument import GateEntry, RigDocument, ViewsEntry
 from rigcal.site import GateLimits
 
 _UNITS = (("_px", "px"), ("_percent", "%"), ("_m", "m"), ("_deg", "deg"))
+LABEL_CHARACTERS = 14
+"""Characters of a camera's id that have room in a figure."""
 CLOCK_GATE = "clock_error_m"
 """The one gate that needs no new views of the board."""
 _RULES_WITHOUT_TIMES = ("frame numbers", "none")
@@ -60,6 +62,11 @@ class Action:
 def counted(count: int, noun: str, plural: str | None = None) -> str:
     """``1 camera``, ``4 cameras``; ``plural`` where it is not the noun with an s."""
     return f"{count} {noun if count == 1 else plural or noun + 's'}"
+
+
+def shortened(camera_id: str) -> str:
+    """A camera's id as figures show it: cut after :data:`LABEL_CHARACTERS`, with an ellipsis."""
+    return camera_id if len(camera_id) <= LABEL_CHARACTERS else camera_id[: LABEL_CHARACTERS - 1] + "…"
 
 
 def short_digest(digest: str) -> str:

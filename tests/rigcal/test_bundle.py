@@ -139,7 +139,7 @@ def test_rmse_is_the_root_of_the_mean_squared_distance():
 
 def test_observations_out_of_order_are_refused():
     with pytest.raises(ValueError, match="sorted"):
-        Observations(np.zeros((4, 3)), [1, 0], [0, 0], [0, 0], [0, 0], np.zeros((2, 2)))
+        Observations(np.zeros((4, 3)), [1, 0], [0, 0], [0, 0], [0, 0], np.zeros((2, 2)), np.ones(2))
 
 
 def test_views_are_runs_of_one_camera_and_one_board():

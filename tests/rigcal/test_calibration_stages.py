@@ -14,7 +14,8 @@ from rigcal.errors import ImageSizeError, NotConnectedError, OptionError, TooFew
 from rigcal.geometry import Pose
 from rigcal.graph import chain_to_reference
 from rigcal.intrinsics import IntrinsicsOptions, calibrate_camera, choose_model, hold_camera
-from rigcal.pairwise import PairPose, PairwiseOptions, solve_pair, turned_view
+from rigcal.order import corner_orders, reordered
+from rigcal.pairwise import PairPose, PairwiseOptions, solve_pair
 from rigcal.pipeline import CalibrateOptions, calibrate_lenses, calibrate_site
 from rigcal.refine import RefineOptions, refine_rig
 from rigcal.site import GateLimits
@@ -189,7 +190,7 @@ def test_turned_corner_orders_are_found_by_consensus(board):
     rig, detections = capture(2, board=board)
     victims = [view.frame_idx for view in detections.cameras[1].views[:2]]
     for victim in victims:
-        detections = spoiled(detections, 1, victim, lambda v: turned_view(v, len(board.corners_in_board)))
+        detections = spoiled(detections, 1, victim, lambda v: reordered(v, corner_orders(board)[1]))
     pair = pair_of(rig, detections)
     assert sorted(pair.turned) == sorted(victims)
     assert pair.rmse_px < 0.35
@@ -288,7 +289,7 @@ def test_a_view_turned_after_the_lenses_is_turned_back_and_named():
     board = Checkerboard(8, 6, 0.06)
     rig, detections = capture(3, board=board)
     victim = detections.cameras[1].views[3].frame_idx
-    turned = spoiled(detections, 1, victim, lambda v: turned_view(v, len(board.corners_in_board)))
+    turned = spoiled(detections, 1, victim, lambda v: reordered(v, corner_orders(board)[1]))
     options = CalibrateOptions()
     result = calibrate_site(turned, GateLimits(), calibrate_lenses(turned, None, options), options)
     named = {

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from rigcal.agreement import Names
 from rigcal.bundle import Observations
 from rigcal.detections import BoardView
 from rigcal.outliers import RejectionRule, reject
 
-FRAMES = (tuple(f"f{i}" for i in range(6)),)
+NAMES = Names(("cam0",), (tuple(f"f{i}" for i in range(6)),))
 
 
 def observations(views=6, corners=50):
@@ -21,7 +22,7 @@ def noise(count, sigma=0.2, seed=0):
 def test_gaussian_noise_loses_nothing():
     obs = observations()
     for seed in range(50):
-        result = reject(obs, noise(len(obs), seed=seed), FRAMES, RejectionRule())
+        result = reject(obs, noise(len(obs), seed=seed), NAMES, RejectionRule())
         assert result.keep.all()
         assert result.findings == ()
 
@@ -30,7 +31,7 @@ def test_a_bad_view_is_dropped_with_its_figure():
     obs = observations()
     residuals = noise(len(obs))
     residuals[100:150] += [4.0, 0.0]
-    result = reject(obs, residuals, FRAMES, RejectionRule())
+    result = reject(obs, residuals, NAMES, RejectionRule())
     assert not result.keep[100:150].any()
     assert result.keep.sum() == len(obs) - 50
     ((camera, finding),) = result.findings
@@ -42,7 +43,7 @@ def test_a_bad_corner_is_dropped_and_its_view_is_kept():
     obs = observations()
     residuals = noise(len(obs))
     residuals[7] = [3.0, -3.0]
-    result = reject(obs, residuals, FRAMES, RejectionRule())
+    result = reject(obs, residuals, NAMES, RejectionRule())
     assert np.flatnonzero(~result.keep).tolist() == [7]
     ((_, finding),) = result.findings
     assert (finding.frame, finding.action) == ("f0", "downweighted")
@@ -53,4 +54,4 @@ def test_residuals_below_the_floor_are_never_rejected():
     obs = observations()
     residuals = noise(len(obs), sigma=1e-6)
     residuals[3] = [0.1, 0.1]
-    assert reject(obs, residuals, FRAMES, RejectionRule()).keep.all()
+    assert reject(obs, residuals, NAMES, RejectionRule()).keep.all()

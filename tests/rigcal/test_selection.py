@@ -23,7 +23,7 @@ def site(*cameras, frames=None):
     names = tuple(f"{i:06d}" for i in range(count))
     detections = tuple(BoardDetections(f"cam{i}", (1920, 1080), names, tuple(v)) for i, v in enumerate(cameras))
     index = np.repeat(np.arange(count)[:, None], len(cameras), axis=1)
-    return SiteDetections(BOARD, detections, Instants("frame numbers", index, np.arange(count), np.zeros(count)))
+    return SiteDetections(BOARD, detections, Instants("frame numbers", index, np.arange(count), np.zeros(index.shape)))
 
 
 def walk(count, step_px=0.2, start=(100.0, 100.0)):

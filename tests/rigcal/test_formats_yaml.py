@@ -5,7 +5,7 @@ import pytest
 
 from rigcal.errors import FormatError
 from rigcal.formats import import_rig
-from rigcal.formats._camchain_yaml import list_text, number_text, parse_camchain
+from rigcal.formats._yaml import list_text, number_text, parse_yaml
 
 AS_KALIBR_WRITES_IT = """\
 cam0:
@@ -76,7 +76,7 @@ def test_kalibr_s_layout_is_read(tmp_path):
 
 def test_hand_edited_layouts_are_read(tmp_path):
     text = AS_PEOPLE_EDIT_IT.replace("    flags: {indented: no}\n", "")
-    assert parse_camchain(tmp_path, text) == {
+    assert parse_yaml(tmp_path, text) == {
         "cam0": {
             "camera_model": "pinhole",
             "rostopic": "/a#b/image",
@@ -110,14 +110,14 @@ REFUSED = [
 @pytest.mark.parametrize(("text", "line", "expected"), REFUSED)
 def test_other_yaml_is_refused_by_its_line(tmp_path, text, line, expected):
     with pytest.raises(FormatError) as caught:
-        parse_camchain(tmp_path / "c.yaml", text)
+        parse_yaml(tmp_path / "c.yaml", text)
     assert caught.value.where == f"{tmp_path / 'c.yaml'}, line {line}"
     assert caught.value.expected == expected
-    assert caught.value.do_next == "write it as Kalibr does: tables, lists and numbers, without anchors, tabs or { }"
+    assert caught.value.do_next == "write it as its tool does: tables, lists and numbers, without anchors, tabs or { }"
 
 
 def test_numbers_are_written_so_that_they_read_back_to_the_last_bit(tmp_path):
     values = [*np.random.default_rng(5).normal(size=50) * 10.0 ** np.arange(-25, 25), 1e-5, -1e22, 0.0, 5e-324]
-    assert parse_camchain(tmp_path, f"a: {list_text(values)}\n") == {"a": values}
+    assert parse_yaml(tmp_path, f"a: {list_text(values)}\n") == {"a": values}
     assert [number_text(value) for value in (1e-5, -1e22, 0.5)] == ["1.0e-05", "-1.0e+22", "0.5"]
     assert list_text((640, 480)) == "[640, 480]"

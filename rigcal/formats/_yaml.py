@@ -1,8 +1,8 @@
-"""The part of YAML that camchain files are written in.
+"""The part of YAML that Kalibr and ROS write.
 
-Context: Kalibr writes nested tables of scalars and lists of numbers, in PyYAML's layout, which people then edit.
+Context: both write nested tables, lists of numbers and lists of tables, in PyYAML's layout, which people then edit.
 Decision: read exactly that (block tables, block lists, flow lists over several lines, comments, quotes) and refuse
-the rest by line, rather than depend on a YAML library for one format. OpenCV's reader is no help: it wants a
+the rest by line, rather than depend on a YAML library for two formats. OpenCV's reader is no help: it wants a
 ``%YAML:1.0`` header and reports no lines. Cost: this module; anchors, flow tables and multi-line text are refused.
 """
 
@@ -34,11 +34,11 @@ class _Line:
     text: str
 
 
-def parse_camchain(file: Path, text: str) -> dict[str, Any]:
-    """Read camchain YAML into tables, lists, numbers and texts.
+def parse_yaml(file: Path, text: str) -> dict[str, Any]:
+    """Read YAML into tables, lists, numbers and texts.
 
     Raises:
-        FormatError: for anything outside the part that Kalibr writes, naming the line.
+        FormatError: for anything outside the part that Kalibr and ROS write, naming the line.
     """
     reader = _Reader(file, text)
     return reader.table(0)
@@ -55,7 +55,7 @@ class _Reader:
             where=f"{self._file}, line {line.number}",
             expected=expected,
             got=line.text,
-            do_next="write it as Kalibr does: tables, lists and numbers, without anchors, tabs or { }",
+            do_next="write it as its tool does: tables, lists and numbers, without anchors, tabs or { }",
         )
 
     def _logical_lines(self, text: str) -> list[_Line]:
@@ -65,7 +65,7 @@ class _Reader:
         for number, raw in enumerate(text.splitlines(), start=1):
             comment = _COMMENT.match(raw)
             content = (comment[1] if comment else raw).rstrip()
-            if not content.strip() or (not lines and content.startswith(("%YAML", "---"))):
+            if not content.strip() or content == "---" or (not lines and content.startswith("%YAML")):
                 continue
             line = _Line(number, len(content) - len(content.lstrip(" ")), content.strip())
             if "\t" in content[: line.indent + 1]:
@@ -110,7 +110,13 @@ class _Reader:
         items = []
         while self._at_item() and self._lines[0].indent == indent:
             line = self._lines.popleft()
-            items.append(self._flow(line, line.text[2:].strip()))
+            text = line.text[2:].lstrip()
+            if _KEY.match(text):
+                inner = indent + len(line.text) - len(text)
+                self._lines.appendleft(_Line(line.number, inner, text))
+                items.append(self.table(inner))
+            else:
+                items.append(self._flow(line, text))
         return items
 
     def _flow(self, line: _Line, text: str) -> Any:
