@@ -218,30 +218,55 @@ def solve(observations: Observations, start: State, freedom: Freedom, options: S
         The solution. Deterministic: the same input gives the same bits.
     """
     system = _System(observations, freedom, options)
-    state = start
-    linear = system.linearise(state)
+    linear = system.linearise(_Working.of(start))
     damping, iterations, converged = 1e-4, 0, False
     while iterations < options.max_iterations and not converged:
         iterations += 1
-        step = system.step(linear, damping)
-        candidate = system.moved(state, step)
-        if candidate is not None:
-            cost = system.cost(candidate)
-            if cost <= linear.cost:
-                exact = cost <= _EXACT_PX**2 * len(observations)
-                converged = exact or linear.cost - cost <= options.tolerance * linear.cost
-                state, linear = candidate, system.linearise(candidate)
-                damping = max(damping / 10, 1e-12)
-                continue
+        moved = system.moved(linear.at, system.step(linear, damping))
+        candidate = system.linearise(moved) if moved else None  # rarely in vain: nearly every step is taken
+        if candidate is not None and candidate.cost <= linear.cost:
+            exact = candidate.cost <= _EXACT_PX**2 * len(observations)
+            converged = exact or linear.cost - candidate.cost <= options.tolerance * linear.cost
+            linear = candidate
+            damping = max(damping / 10, 1e-12)
+            continue
         damping *= 10
         converged = damping > 1e8
-    return system.finish(state, linear, iterations, converged)
+    return system.finish(linear, iterations, converged)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Working:
+    """A state as arrays: what the inner loop moves."""
+
+    cameras: tuple[Camera, ...]
+    Rc: Floats  # (C, 3, 3), (C, 3): cam_from_rig
+    tc: Floats
+    Rb: Floats  # (B, 3, 3), (B, 3): rig_from_board
+    tb: Floats
+
+    @classmethod
+    def of(cls, state: State) -> _Working:
+        def stacked(poses: Sequence[Pose]) -> tuple[Floats, Floats]:
+            R = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
+            return R, np.array([pose.translation_m for pose in poses]).reshape(-1, 3)
+
+        return cls(state.cameras, *stacked(state.cam_from_rig), *stacked(state.rig_from_board))
+
+    @property
+    def state(self) -> State:
+        return State(
+            self.cameras,
+            tuple(Pose(R, t) for R, t in zip(self.Rc, self.tc, strict=True)),
+            tuple(Pose(R, t) for R, t in zip(self.Rb, self.tb, strict=True)),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Linear:
     """The normal equations at a state."""
 
+    at: _Working
     cost: float
     residuals: Floats
     A: Floats  # (C, D, D): the diagonal blocks, the only ones that are not zero
@@ -280,29 +305,12 @@ class _System:
             self.prior_mean[c, lens] = mean
             self.prior_weight[c, lens, lens] = options.sigma_px**2 * information
 
-    def cost(self, state: State) -> float:
-        residuals, seen = self._residuals(state)
-        return self._loss(residuals, seen)[0] + self._prior_cost(state)
-
-    def _residuals(self, state: State) -> tuple[Floats, Bools]:
-        points = self._points_in_cam(state)[0]
-        pixels = np.full((len(self.obs), 2), np.nan)
-        for c, rows in enumerate(self.slices):
-            pixels[rows] = state.cameras[c].project(points[rows])
-        residuals = self.obs.pixels - pixels
-        seen = np.isfinite(residuals).all(axis=1)
-        return np.where(seen[:, None], residuals, 0.0), seen
-
-    def _points_in_cam(self, state: State) -> tuple[Floats, Floats, Floats]:
+    def _points_in_cam(self, at: _Working) -> tuple[Floats, Floats, Floats]:
         """Points (N, 3) in the camera, turned into the rig (N, 3) and turned into the camera (N, 3)."""
-        Rb = np.stack([pose.rotation for pose in state.rig_from_board])
-        tb = np.stack([pose.translation_m for pose in state.rig_from_board])
-        Rc = np.stack([pose.rotation for pose in state.cam_from_rig])
-        tc = np.stack([pose.translation_m for pose in state.cam_from_rig])
         b, c = self.obs.board_idx, self.obs.camera_idx
-        turned_in_rig = np.einsum("nij,nj->ni", Rb[b], self.points)
-        turned_in_cam = np.einsum("nij,nj->ni", Rc[c], turned_in_rig + tb[b])
-        return turned_in_cam + tc[c], turned_in_rig, turned_in_cam
+        turned_in_rig = np.einsum("nij,nj->ni", at.Rb[b], self.points)
+        turned_in_cam = np.einsum("nij,nj->ni", at.Rc[c], turned_in_rig + at.tb[b])
+        return turned_in_cam + at.tc[c], turned_in_rig, turned_in_cam
 
     def _loss(self, residuals: Floats, seen: Bools) -> tuple[float, Floats]:
         """Cost and the weight (N,) of each corner; corners behind a camera cost as if far away."""
@@ -314,43 +322,44 @@ class _System:
             return float(scale * np.log1p(squared / scale).sum()), np.where(seen, weights / (1 + squared / scale), 0.0)
         return float(np.where(seen, squared, 1e6).sum()), np.where(seen, weights, 0.0)
 
-    def _prior_cost(self, state: State) -> float:
-        gap = self._prior_gap(state)
-        return float(np.einsum("ci,cij,cj->", gap, self.prior_weight, gap))
-
-    def _prior_gap(self, state: State) -> Floats:
+    def _prior_gap(self, cameras: Sequence[Camera]) -> Floats:
         gap = np.zeros((self.n_cameras, self.width))
-        for c, camera in enumerate(state.cameras):
+        for c, camera in enumerate(cameras):
             gap[c, POSE : POSE + len(camera.params)] = camera.params
         return self.prior_mean - gap
 
-    def linearise(self, state: State) -> _Linear:
-        points, turned_in_rig, turned_in_cam = self._points_in_cam(state)
-        residuals, seen = self._residuals(state)
-        cost, weights = self._loss(residuals, seen)
-        J = np.zeros((len(self.obs), 2, self.width + POSE))
+    def linearise(self, at: _Working) -> _Linear:
+        points, turned_in_rig, turned_in_cam = self._points_in_cam(at)
+        in_front = np.isfinite(points).all(axis=1) & (points[:, 2] > 0)
+        points = np.where(in_front[:, None], points, [0.0, 0.0, 1.0])
+        residuals = np.zeros((len(self.obs), 2))
+        J = np.zeros((len(self.obs), 2, self.width + POSE + 1))
         for c, rows in enumerate(self.slices):
             if rows.stop == rows.start:
                 continue
-            in_front = np.where(seen[rows, None], points[rows], [0.0, 0.0, 1.0])
-            _, by_point, by_params = state.cameras[c].project_with_jacobians(in_front)
-            by_turned = by_point @ state.cam_from_rig[c].rotation
+            pixels, by_point, by_params = at.cameras[c].project_with_jacobians(points[rows])
+            residuals[rows] = self.obs.pixels[rows] - pixels
+            by_turned = by_point @ at.Rc[c]
             J[rows, :, 0:3] = _minus_cross(by_point, turned_in_cam[rows])
             J[rows, :, 3:6] = by_point
             J[rows, :, POSE : POSE + by_params.shape[2]] = by_params
             J[rows, :, self.width : self.width + 3] = _minus_cross(by_turned, turned_in_rig[rows])
-            J[rows, :, self.width + 3 :] = by_turned
+            J[rows, :, self.width + 3 : -1] = by_turned
+        seen = in_front & np.isfinite(residuals).all(axis=1)
+        residuals = np.where(seen[:, None], residuals, 0.0)
+        cost, weights = self._loss(residuals, seen)
+        J[:, :, -1] = residuals
         J[:, :, : self.width] *= self.free.reshape(self.n_cameras, self.width)[self.obs.camera_idx][:, None]
-        root = np.sqrt(weights)[:, None]
         stacked = np.zeros((len(self.view_camera), self.deepest, 2, self.width + POSE + 1))
-        stacked[self.view_of, self.slot, :, :-1] = J * root[:, :, None]
-        stacked[self.view_of, self.slot, :, -1] = residuals * root
+        stacked[self.view_of, self.slot] = J * np.sqrt(weights)[:, None, None]
         flat = stacked.reshape(len(self.view_camera), self.deepest * 2, -1)
         normal = flat.transpose(0, 2, 1) @ flat
-        return self._gather(normal, cost + self._prior_cost(state), residuals, state)
+        return self._gather(normal, cost, residuals, at)
 
-    def _gather(self, normal: Floats, cost: float, residuals: Floats, state: State) -> _Linear:
-        D, boards = self.width, len(state.rig_from_board)
+    def _gather(self, normal: Floats, cost: float, residuals: Floats, at: _Working) -> _Linear:
+        D, boards = self.width, len(at.Rb)
+        gap = self._prior_gap(at.cameras)
+        cost += float(np.einsum("ci,cij,cj->", gap, self.prior_weight, gap))
         A = np.zeros((self.n_cameras, D, D))
         np.add.at(A, self.view_camera, normal[:, :D, :D])
         gc = np.zeros((self.n_cameras, D))
@@ -362,8 +371,8 @@ class _System:
         gb = np.zeros((boards, POSE))
         np.add.at(gb, self.view_board, normal[:, D:-1, -1])
         A += self.prior_weight
-        gc += np.einsum("cij,cj->ci", self.prior_weight, self._prior_gap(state))
-        return _Linear(cost, residuals, A, E, Cb, gc, gb, normal)
+        gc += np.einsum("cij,cj->ci", self.prior_weight, gap)
+        return _Linear(at, cost, residuals, A, E, Cb, gc, gb, normal)
 
     def _reduced(self, linear: _Linear, damping: float) -> tuple[Floats, Floats, Floats, Floats]:
         """Reduced system S (D', D') and its right side over the free camera unknowns; L^-1 and L^-1 E^T per board."""
@@ -395,31 +404,26 @@ class _System:
         board_step = np.einsum("bji,bj->bi", inverse_root, whitened_rhs)
         return camera_step.reshape(self.n_cameras, self.width), board_step
 
-    def moved(self, state: State, step: tuple[Floats, Floats]) -> State | None:
+    def moved(self, at: _Working, step: tuple[Floats, Floats]) -> _Working | None:
         """The state after a step; None where a step is not finite or a focal length would not be positive."""
         camera_step, board_step = step
         if not (np.isfinite(camera_step).all() and np.isfinite(board_step).all()):
             return None
         params = [
             camera.params + delta[POSE : POSE + len(camera.params)]
-            for camera, delta in zip(state.cameras, camera_step, strict=True)
+            for camera, delta in zip(at.cameras, camera_step, strict=True)
         ]
         if any(p[0] <= 0 or p[1] <= 0 for p in params):
             return None
-        turns = Rotation.from_rotvec(board_step[:, :3]).as_matrix()  # one call for all: this is the inner loop
-        return State(
-            tuple(camera.with_params(p) for camera, p in zip(state.cameras, params, strict=True)),
-            tuple(
-                pose.perturbed(d[:3], d[3:6]) if free else pose
-                for pose, d, free in zip(state.cam_from_rig, camera_step, self.freedom.poses, strict=True)
-            ),
-            tuple(
-                Pose(delta @ pose.rotation, pose.translation_m + d[3:])
-                for pose, d, delta in zip(state.rig_from_board, board_step, turns, strict=True)
-            ),
+        return _Working(
+            tuple(camera.with_params(p) for camera, p in zip(at.cameras, params, strict=True)),
+            Rotation.from_rotvec(camera_step[:, :3]).as_matrix() @ at.Rc,
+            at.tc + camera_step[:, 3:POSE],
+            Rotation.from_rotvec(board_step[:, :3]).as_matrix() @ at.Rb,
+            at.tb + board_step[:, 3:],
         )
 
-    def finish(self, state: State, linear: _Linear, iterations: int, converged: bool) -> Solution:
+    def finish(self, linear: _Linear, iterations: int, converged: bool) -> Solution:
         S = self._reduced(linear, 0.0)[0]
         index = tuple(divmod(int(i), self.width) for i in np.flatnonzero(self.free))
         boards_seen = int((linear.Cb.trace(axis1=1, axis2=2) > 0).sum())
@@ -427,7 +431,9 @@ class _System:
         sigma_px = float(np.sqrt((self.obs.weights @ (linear.residuals**2).sum(axis=1)) / freedom))
         covariance = np.asarray(np.linalg.pinv(S, hermitian=True), dtype=np.float64) if index else np.zeros((0, 0))
         inflation = self._inflation(linear, covariance, sigma_px)
-        return Solution(state, linear.residuals, covariance, index, sigma_px, inflation, iterations, converged)
+        return Solution(
+            linear.at.state, linear.residuals, covariance, index, sigma_px, inflation, iterations, converged
+        )
 
     def _inflation(self, linear: _Linear, covariance: Floats, sigma_px: float) -> float:
         """How much the gradients of whole boards vary beyond what independent corners would let them.

@@ -192,17 +192,17 @@ def hold_camera(
 
 
 def first_guess(
-    model: str, size_wh: tuple[int, int], corners_in_board: Floats, views: list[BoardView], *, most: int = 20
+    model: str, size_wh: tuple[int, int], corners_in_board: Floats, views: list[BoardView], *, most: int = 12
 ) -> Camera:
     """A lens without distortion whose focal length explains the views best, its centre the image's.
 
-    Tries 24 focal lengths from 0.25 to 8 times the image's longer side, 16 % apart, on at most ``most`` views.
+    Tries 13 focal lengths from 0.25 to 8 times the image's longer side, a third apart, on at most ``most`` views.
     """
     longer = max(size_wh)
     chosen = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, most).astype(int))]
     centre = [(size_wh[0] - 1) / 2, (size_wh[1] - 1) / 2]
     best: tuple[float, Camera] | None = None
-    for focal in longer * np.geomspace(0.25, 8.0, 24):
+    for focal in longer * np.geomspace(0.25, 8.0, 13):
         camera = Camera(model, size_wh, np.array([focal, focal, *centre, *[0.0] * (len(MODELS[model]) - 4)]))
         errors = [
             poses[0].rmse_px if (poses := board_poses(camera, corners_in_board, view)) else float(longer)
