@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
-from rigcal.bundle import Observations, State
+from rigcal.bundle import Observations, State, bent
 from rigcal.camera import Camera
 from rigcal.geometry import Pose
 
@@ -114,7 +114,8 @@ def _reconstruction(observations: Observations, start: State) -> pycolmap.Recons
             if board == board_idx:
                 frame.add_data_id(pycolmap.data_t(_sensor(camera_idx), image_id))
         made.add_frame(frame)
-    tracks = [pycolmap.Track() for _ in observations.corners_in_board]
+    corners = bent(observations.corners_in_board, start.bow_m)
+    tracks = [pycolmap.Track() for _ in corners]
     for image_id, (camera_idx, board_idx, rows) in enumerate(images, start=1):
         image = pycolmap.Image(
             name=f"{camera_idx}/{board_idx}",
@@ -128,9 +129,7 @@ def _reconstruction(observations: Observations, start: State) -> pycolmap.Recons
             tracks[int(corner)].add_element(image_id, point2d)
     for corner, track in enumerate(tracks):
         if track.length():
-            made.add_point3D_with_id(
-                corner + 1, pycolmap.Point3D(xyz=observations.corners_in_board[corner], track=track)
-            )
+            made.add_point3D_with_id(corner + 1, pycolmap.Point3D(xyz=corners[corner], track=track))
     return made
 
 

@@ -25,6 +25,7 @@ from rigcal.detections import BoardView
 from rigcal.geometry import Bools, Floats, Ints, Pose, freeze
 
 POSE = 6  # rotation (3) then translation (3)
+BOW = 2  # along x and along y
 _EXACT_PX = 1e-7  # residual below which there is nothing left to gain: a thousandth of the rounding in a detector
 
 
@@ -135,6 +136,8 @@ class State:
     cameras: tuple[Camera, ...]
     cam_from_rig: tuple[Pose, ...]
     rig_from_board: tuple[Pose, ...]
+    bow_m: tuple[float, float] = (0.0, 0.0)
+    """How far the board's middle stands out from its edges, along x and along y: see :func:`bow_basis`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,6 +152,8 @@ class Freedom:
     """Per camera (P,): prior of each coefficient; empty: no priors."""
     prior_information: tuple[Floats, ...] = ()
     """Per camera (P, P): inverse of the prior's covariance; zero where there is no prior."""
+    bow: bool = False
+    """Whether the board may bend."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +188,8 @@ class Solution:
     covariance: Floats
     """(D, D) of the free camera unknowns for unit noise of 1 px per axis, priors as given; order of ``index``."""
     index: tuple[tuple[int, int], ...]
-    """(D) (camera, unknown) of each row: unknowns 0-5 are the pose, 6 and up the coefficients."""
+    """(D) (camera, unknown) of each row: unknowns 0-5 are the pose, 6 and up the coefficients. A free bow counts as one
+    more camera, whose unknowns 0 and 1 it is."""
     sigma_px: float
     """Noise per axis estimated from the residuals and the degrees of freedom."""
     inflation: float
@@ -244,6 +250,7 @@ class _Working:
     tc: Floats
     Rb: Floats  # (B, 3, 3), (B, 3): rig_from_board
     tb: Floats
+    bow: Floats  # (2,)
 
     @classmethod
     def of(cls, state: State) -> _Working:
@@ -251,7 +258,7 @@ class _Working:
             R = np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3)
             return R, np.array([pose.translation_m for pose in poses]).reshape(-1, 3)
 
-        return cls(state.cameras, *stacked(state.cam_from_rig), *stacked(state.rig_from_board))
+        return cls(state.cameras, *stacked(state.cam_from_rig), *stacked(state.rig_from_board), np.array(state.bow_m))
 
     @property
     def state(self) -> State:
@@ -259,6 +266,7 @@ class _Working:
             self.cameras,
             tuple(Pose(R, t) for R, t in zip(self.Rc, self.tc, strict=True)),
             tuple(Pose(R, t) for R, t in zip(self.Rb, self.tb, strict=True)),
+            (float(self.bow[0]), float(self.bow[1])),
         )
 
 
@@ -269,12 +277,13 @@ class _Linear:
     at: _Working
     cost: float
     residuals: Floats
-    A: Floats  # (C, D, D): the diagonal blocks, the only ones that are not zero
-    E: Floats  # (B, C, D, 6)
+    A: Floats  # (C', D, D): the diagonal blocks; C' counts the bow as one more camera where it is free
+    A_bow: Floats  # (C, D, 2): what couples cameras and bow; nothing couples camera and camera
+    E: Floats  # (B, C', D, 6)
     Cb: Floats  # (B, 6, 6)
-    gc: Floats  # (C, D)
+    gc: Floats  # (C', D)
     gb: Floats  # (B, 6)
-    by_view: Floats  # (W, D + 7, D + 7) of each view: camera, board, right side
+    by_view: Floats  # (W, D + 9, D + 9) of each view: camera, bow, board, right side
 
 
 class _System:
@@ -282,12 +291,14 @@ class _System:
 
     def __init__(self, obs: Observations, freedom: Freedom, options: SolveOptions) -> None:
         self.obs, self.freedom, self.options = obs, freedom, options
-        self.points = obs.points_in_board
+        self.points, self.basis = obs.points_in_board, bow_basis(obs.corners_in_board)[obs.corner_ids]
         self.n_cameras = len(freedom.params)
+        self.blocks = self.n_cameras + freedom.bow
         widest = max(len(free) for free in freedom.params)
         self.width = POSE + widest
-        free = np.zeros((self.n_cameras, self.width), dtype=bool)
-        free[:, :POSE] = freedom.poses[:, None]
+        free = np.zeros((self.blocks, self.width), dtype=bool)
+        free[: self.n_cameras, :POSE] = freedom.poses[:, None]
+        free[self.n_cameras :, :BOW] = True
         for c, params in enumerate(freedom.params):
             free[c, POSE : POSE + len(params)] = params
         self.free = free.ravel()
@@ -298,8 +309,8 @@ class _System:
         self.slot = np.arange(len(obs)) - np.repeat(starts, sizes)
         self.deepest = int(sizes.max(initial=1))
         self.slices = [slice(*np.searchsorted(obs.camera_idx, [c, c + 1]).tolist()) for c in range(self.n_cameras)]
-        self.prior_weight = np.zeros((self.n_cameras, self.width, self.width))
-        self.prior_mean = np.zeros((self.n_cameras, self.width))
+        self.prior_weight = np.zeros((self.blocks, self.width, self.width))
+        self.prior_mean = np.zeros((self.blocks, self.width))
         for c, (mean, information) in enumerate(zip(freedom.prior_mean, freedom.prior_information, strict=True)):
             lens = slice(POSE, POSE + len(mean))
             self.prior_mean[c, lens] = mean
@@ -308,7 +319,8 @@ class _System:
     def _points_in_cam(self, at: _Working) -> tuple[Floats, Floats, Floats]:
         """Points (N, 3) in the camera, turned into the rig (N, 3) and turned into the camera (N, 3)."""
         b, c = self.obs.board_idx, self.obs.camera_idx
-        turned_in_rig = np.einsum("nij,nj->ni", at.Rb[b], self.points)
+        bent = self.points + (self.basis @ at.bow)[:, None] * [0.0, 0.0, 1.0]
+        turned_in_rig = np.einsum("nij,nj->ni", at.Rb[b], bent)
         turned_in_cam = np.einsum("nij,nj->ni", at.Rc[c], turned_in_rig + at.tb[b])
         return turned_in_cam + at.tc[c], turned_in_rig, turned_in_cam
 
@@ -323,7 +335,7 @@ class _System:
         return float(np.where(seen, squared, 1e6).sum()), np.where(seen, weights, 0.0)
 
     def _prior_gap(self, cameras: Sequence[Camera]) -> Floats:
-        gap = np.zeros((self.n_cameras, self.width))
+        gap = np.zeros((self.blocks, self.width))
         for c, camera in enumerate(cameras):
             gap[c, POSE : POSE + len(camera.params)] = camera.params
         return self.prior_mean - gap
@@ -333,7 +345,8 @@ class _System:
         in_front = np.isfinite(points).all(axis=1) & (points[:, 2] > 0)
         points = np.where(in_front[:, None], points, [0.0, 0.0, 1.0])
         residuals = np.zeros((len(self.obs), 2))
-        J = np.zeros((len(self.obs), 2, self.width + POSE + 1))
+        board = self.width + BOW
+        J = np.zeros((len(self.obs), 2, board + POSE + 1))
         for c, rows in enumerate(self.slices):
             if rows.stop == rows.start:
                 continue
@@ -343,36 +356,43 @@ class _System:
             J[rows, :, 0:3] = _minus_cross(by_point, turned_in_cam[rows])
             J[rows, :, 3:6] = by_point
             J[rows, :, POSE : POSE + by_params.shape[2]] = by_params
-            J[rows, :, self.width : self.width + 3] = _minus_cross(by_turned, turned_in_rig[rows])
-            J[rows, :, self.width + 3 : -1] = by_turned
+            if self.freedom.bow:
+                along_normal = np.einsum("nij,nj->ni", by_turned, at.Rb[self.obs.board_idx[rows], :, 2])
+                J[rows, :, self.width : board] = along_normal[:, :, None] * self.basis[rows, None]
+            J[rows, :, board : board + 3] = _minus_cross(by_turned, turned_in_rig[rows])
+            J[rows, :, board + 3 : -1] = by_turned
         seen = in_front & np.isfinite(residuals).all(axis=1)
         residuals = np.where(seen[:, None], residuals, 0.0)
         cost, weights = self._loss(residuals, seen)
         J[:, :, -1] = residuals
-        J[:, :, : self.width] *= self.free.reshape(self.n_cameras, self.width)[self.obs.camera_idx][:, None]
-        stacked = np.zeros((len(self.view_camera), self.deepest, 2, self.width + POSE + 1))
+        J[:, :, : self.width] *= self.free.reshape(self.blocks, self.width)[self.obs.camera_idx][:, None]
+        stacked = np.zeros((len(self.view_camera), self.deepest, 2, J.shape[2]))
         stacked[self.view_of, self.slot] = J * np.sqrt(weights)[:, None, None]
         flat = stacked.reshape(len(self.view_camera), self.deepest * 2, -1)
         normal = flat.transpose(0, 2, 1) @ flat
         return self._gather(normal, cost, residuals, at)
 
     def _gather(self, normal: Floats, cost: float, residuals: Floats, at: _Working) -> _Linear:
-        D, boards = self.width, len(at.Rb)
+        D, boards, C = self.width, len(at.Rb), self.n_cameras
+        camera, bow, board = slice(0, D), slice(D, D + BOW), slice(D + BOW, -1)
         gap = self._prior_gap(at.cameras)
         cost += float(np.einsum("ci,cij,cj->", gap, self.prior_weight, gap))
-        A = np.zeros((self.n_cameras, D, D))
-        np.add.at(A, self.view_camera, normal[:, :D, :D])
-        gc = np.zeros((self.n_cameras, D))
-        np.add.at(gc, self.view_camera, normal[:, :D, -1])
-        E = np.zeros((boards, self.n_cameras, D, POSE))
-        E[self.view_board, self.view_camera] = normal[:, :D, D:-1]
+        A, A_bow = self.prior_weight.copy(), np.zeros((C, D, BOW))
+        np.add.at(A, self.view_camera, normal[:, camera, camera])
+        np.add.at(A_bow, self.view_camera, normal[:, camera, bow])
+        gc = np.einsum("cij,cj->ci", self.prior_weight, gap)
+        np.add.at(gc, self.view_camera, normal[:, camera, -1])
+        E = np.zeros((boards, self.blocks, D, POSE))
+        E[self.view_board, self.view_camera] = normal[:, camera, board]
         Cb = np.zeros((boards, POSE, POSE))
-        np.add.at(Cb, self.view_board, normal[:, D:-1, D:-1])
+        np.add.at(Cb, self.view_board, normal[:, board, board])
         gb = np.zeros((boards, POSE))
-        np.add.at(gb, self.view_board, normal[:, D:-1, -1])
-        A += self.prior_weight
-        gc += np.einsum("cij,cj->ci", self.prior_weight, gap)
-        return _Linear(at, cost, residuals, A, E, Cb, gc, gb, normal)
+        np.add.at(gb, self.view_board, normal[:, board, -1])
+        if self.freedom.bow:
+            A[C, :BOW, :BOW] = normal[:, bow, bow].sum(axis=0)
+            gc[C, :BOW] = normal[:, bow, -1].sum(axis=0)
+            np.add.at(E[:, C, :BOW], self.view_board, normal[:, bow, board])
+        return _Linear(at, cost, residuals, A, A_bow, E, Cb, gc, gb, normal)
 
     def _reduced(self, linear: _Linear, damping: float) -> tuple[Floats, Floats, Floats, Floats]:
         """Reduced system S (D', D') and its right side over the free camera unknowns; L^-1 and L^-1 E^T per board."""
@@ -382,13 +402,18 @@ class _System:
         E = linear.E.reshape(len(Cb), -1, POSE)[:, self.free]
         whitened = E @ inverse_root.transpose(0, 2, 1)  # (B, D', 6)
         wide = whitened.transpose(1, 0, 2).reshape(E.shape[1], len(Cb) * POSE)
-        A = block_diag(*linear.A)[np.ix_(self.free, self.free)]
+        A = block_diag(*linear.A)
+        if self.freedom.bow:
+            border = linear.A_bow.reshape(-1, BOW)
+            A[: len(border), len(border) : len(border) + BOW] = border
+            A[len(border) : len(border) + BOW, : len(border)] = border.T
+        A = A[np.ix_(self.free, self.free)]
         A[np.diag_indices_from(A)] *= 1 + damping
         rhs = np.einsum("bij,bj->bi", inverse_root, linear.gb)
         return A - wide @ wide.T, linear.gc.ravel()[self.free] - wide @ rhs.ravel(), inverse_root, whitened
 
     def step(self, linear: _Linear, damping: float) -> tuple[Floats, Floats]:
-        """Camera step (C, D) and board step (B, 6)."""
+        """Camera step (C', D) and board step (B, 6)."""
         S, rhs, inverse_root, whitened = self._reduced(linear, damping)
         free_step = np.zeros(len(rhs))
         if len(rhs):
@@ -396,18 +421,20 @@ class _System:
             try:
                 factor = cho_factor(S * scale[:, None] * scale[None])
             except np.linalg.LinAlgError:
-                return np.full((self.n_cameras, self.width), np.nan), np.zeros((len(linear.gb), POSE))
+                return np.full((self.blocks, self.width), np.nan), np.zeros((len(linear.gb), POSE))
             free_step = scale * cho_solve(factor, scale * rhs)
         camera_step = np.zeros(len(self.free))
         camera_step[self.free] = free_step
         whitened_rhs = np.einsum("bij,bj->bi", inverse_root, linear.gb) - np.einsum("bdi,d->bi", whitened, free_step)
         board_step = np.einsum("bji,bj->bi", inverse_root, whitened_rhs)
-        return camera_step.reshape(self.n_cameras, self.width), board_step
+        return camera_step.reshape(self.blocks, self.width), board_step
 
     def moved(self, at: _Working, step: tuple[Floats, Floats]) -> _Working | None:
         """The state after a step; None where a step is not finite or a focal length would not be positive."""
         camera_step, board_step = step
-        if not (np.isfinite(camera_step).all() and np.isfinite(board_step).all()):
+        bow_step = camera_step[self.n_cameras :, :BOW].sum(axis=0)  # zero where it is held
+        camera_step = camera_step[: self.n_cameras]
+        if not (np.isfinite(camera_step).all() and np.isfinite(board_step).all() and np.isfinite(bow_step).all()):
             return None
         params = [
             camera.params + delta[POSE : POSE + len(camera.params)]
@@ -421,6 +448,7 @@ class _System:
             at.tc + camera_step[:, 3:POSE],
             Rotation.from_rotvec(board_step[:, :3]).as_matrix() @ at.Rb,
             at.tb + board_step[:, 3:],
+            at.bow + bow_step,
         )
 
     def finish(self, linear: _Linear, iterations: int, converged: bool) -> Solution:
@@ -447,6 +475,7 @@ class _System:
         if not len(covariance) or sigma_px == 0:
             return 1.0
         D = self.width
+        board_columns = slice(D + BOW, -1)
         normal = linear.by_view
         column = np.cumsum(self.free) - 1
         observed = expected = 0.0
@@ -458,7 +487,7 @@ class _System:
             if not len(rows):
                 continue
             A = block_diag(*[normal[v][np.ix_(u, u)] for v, u in zip(views, unknowns, strict=True)])
-            E = np.concatenate([normal[v][u, D : D + POSE] for v, u in zip(views, unknowns, strict=True)])
+            E = np.concatenate([normal[v][u, board_columns] for v, u in zip(views, unknowns, strict=True)])
             g = np.concatenate([normal[v][u, -1] for v, u in zip(views, unknowns, strict=True)])
             solved = np.linalg.solve(linear.Cb[board], np.column_stack([E.T, linear.gb[board]]))
             C = covariance[np.ix_(rows, rows)]
@@ -467,6 +496,20 @@ class _System:
             observed += float(g @ C @ g)
             expected += float(np.trace(H) - np.trace(H @ H))
         return max(observed / (sigma_px**2 * expected), 1.0) if expected > 1e-9 else 1.0
+
+
+def bow_basis(corners_in_board: Floats) -> Floats:
+    """(K, 2) how much each corner stands out when the middle of the board does, bent along x and along y.
+
+    ``1 - u^2`` with ``u`` from -1 to 1 across the corners: the two terms of mrcal's board deflection.
+    """
+    low, high = corners_in_board[:, :2].min(axis=0), corners_in_board[:, :2].max(axis=0)
+    return np.asarray(1 - (2 * (corners_in_board[:, :2] - low) / (high - low) - 1) ** 2)
+
+
+def bent(corners_in_board: Floats, bow_m: tuple[float, float]) -> Floats:
+    """(K, 3) corners of a board with that bow."""
+    return np.asarray(corners_in_board + (bow_basis(corners_in_board) @ bow_m)[:, None] * [0.0, 0.0, 1.0])
 
 
 def _minus_cross(rows: Floats, points: Floats) -> Floats:

@@ -39,6 +39,8 @@ class RefineOptions:
 
     free_lenses: bool = True
     """Whether the lenses move too; held when they were given from another capture."""
+    bow: bool = False
+    """Whether to estimate how the board bends."""
     noisy_ratio: float = 1.5
     """Joint residual over that of the camera alone at which its lens is not judged by shared views."""
     clip_px: float = 20.0
@@ -106,6 +108,7 @@ def refine_rig(
     freedom = lens_freedom(cameras, poses_free=(False, *[True] * (len(cameras) - 1)))
     if not options.free_lenses:
         freedom = Freedom(tuple(np.zeros(len(c.params), dtype=bool) for c in cameras), freedom.poses)
+    freedom = replace(freedom, bow=options.bow)
     start = State(cameras, tuple(cam_from_rig), placed.rig_from_board)
     solved = solve_robustly(observations, start, freedom, names, options.rule)
     noisy = _noisy(lenses, solved, options.noisy_ratio) if options.free_lenses else ()

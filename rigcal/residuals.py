@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rigcal.boardpose import board_poses
-from rigcal.bundle import rmse_px
+from rigcal.bundle import bent, rmse_px
 from rigcal.detections import BoardView, SiteDetections
 from rigcal.geometry import Floats
 from rigcal.graph import Chain
@@ -58,7 +58,7 @@ def residuals_of_all(detections: SiteDetections, joint: JointResult, camera: int
     A view whose instant was used keeps that board's pose; any other is placed by itself. Corner orders that the joint
     solve turned are turned here.
     """
-    obs, corners = joint.observations, detections.board.corners_in_board
+    obs, corners = joint.observations, bent(detections.board.corners_in_board, joint.solution.state.bow_m)
     lens, cam_from_rig = joint.cameras[camera], joint.cam_from_rig[camera]
     boards = {(int(c), int(f)): int(b) for c, f, b in zip(obs.camera_idx, obs.frame_idx, obs.board_idx, strict=True)}
     instant_of = {int(row[camera]): row for row in detections.instants.frame_idx}

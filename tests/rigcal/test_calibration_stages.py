@@ -245,6 +245,33 @@ def test_unconnected_cameras_are_named_with_the_capture_that_would_join_them():
     assert "do next:  show the board to b and c at the same time in 4 or more positions" in message
 
 
+def test_a_pair_that_contradicts_its_loops_carries_nothing_though_it_seems_the_most_certain():
+    pairs = [made_pair(a, b, float(b - a), 1e-3) for a in range(4) for b in range(a + 1, 4) if (a, b) != (0, 2)]
+    wrong = made_pair(0, 2, 2.4, 1e-4)
+    chain = chain_to_reference(["a", "b", "c", "d"], [*pairs, wrong], needed_views=4)
+    assert chain.doubted == (wrong,)
+    assert np.allclose([pose.translation_m[0] for pose in chain.cam_from_rig], [0, 1, 2, 3])
+    assert max(loop.gap_m for loop in chain.loops) < 1e-12
+
+
+def test_of_a_single_open_loop_the_least_certain_pair_is_doubted():
+    pairs = [made_pair(0, 1, 1, 1e-3), made_pair(1, 2, 1, 3e-3), made_pair(2, 3, 1, 1e-3), made_pair(0, 3, 3.5, 2e-3)]
+    chain = chain_to_reference(["a", "b", "c", "d"], pairs, needed_views=4)
+    assert chain.doubted == (pairs[1],)
+    assert chain.loops == ()
+
+
+def test_loops_say_how_far_the_pairs_are_from_closing_and_the_weakest_link_is_known():
+    pairs = [made_pair(0, 1, 1, 1e-3), made_pair(1, 2, 1, 2e-3), made_pair(0, 2, 2.03, 5e-3)]
+    chain = chain_to_reference(["a", "b", "c"], pairs, needed_views=4)
+    (loop,) = chain.loops
+    assert (loop.first, loop.second, loop.path) == (0, 2, (0, 1, 2))
+    assert loop.gap_m == pytest.approx(0.03)
+    assert loop.gap_share == pytest.approx(0.01)
+    assert (chain.weakest.first, chain.weakest.second) == (1, 2)
+    assert chain.doubted == ()
+
+
 # --- joint solve ----------------------------------------------------------------------------------------------------
 
 
