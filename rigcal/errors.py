@@ -6,6 +6,7 @@
     ├── OptionError               an option of a stage outside its range
     ├── OutputError               a file that cannot be written
     ├── TargetError               a board that cannot be printed as asked
+    ├── MeasuredLengthError       a length measured by hand that cannot be read, or between unknown cameras
     ├── CaptureError              a capture folder, image or video that cannot be used
     │   ├── EmptyCaptureError
     │   ├── BrokenFileError
@@ -16,7 +17,8 @@
     │   └── WrongBoardError
     ├── CalibrationError          boards were found, the rig cannot be computed from them
     │   ├── TooFewViewsError
-    │   └── NotConnectedError
+    │   ├── NotConnectedError
+    │   └── SisterError               declared alike, but not alike
     ├── RigFileError              a rig file that must not be used
     │   ├── RigFileDigestError
     │   ├── RigFileVersionError
@@ -129,6 +131,24 @@ class SiteFileError(RigcalError):
 
     def __init__(self, path: Path | str, *, problem: str, expected: str, got: object, do_next: str) -> None:
         super().__init__(f"site file: {problem}", where=path, expected=expected, got=got, do_next=do_next)
+
+
+class MeasuredLengthError(RigcalError):
+    """A length that was measured by hand and cannot be used."""
+
+    def __init__(self, option: str, text: str, *, problem: str) -> None:
+        form = "a length with its unit, such as 59.6mm"
+        example = f"{option} 59.6mm"
+        if option != "--measured-square":
+            form = "two cameras of the capture and a length with its unit, such as cam0,cam1:2.41m"
+            example = f"{option} cam0,cam1:2.41m"
+        super().__init__(
+            f"cannot use this measured length: {problem}",
+            where=option,
+            expected=form,
+            got=repr(text),
+            do_next=f"write it like {example}, in mm, cm or m",
+        )
 
 
 class CaptureError(RigcalError):
@@ -273,6 +293,19 @@ class NotConnectedError(CalibrationError):
             got=f"{len(groups)} groups without a shared view between them",
             do_next=f"show the board to {bridge[0]} and {bridge[1]} at the same time in {needed} or more positions, "
             "and add those images to the capture",
+        )
+
+
+class SisterError(CalibrationError):
+    """Cameras that the site file declares alike, whose images or lens models differ."""
+
+    def __init__(self, first: str, second: str, *, expected: str, got: str) -> None:
+        super().__init__(
+            f"cameras {first} and {second} are declared alike, but are not",
+            where=f"camera {second}",
+            expected=f"{expected}, as {first} has",
+            got=got,
+            do_next=f"record {second} as {first} is recorded, or remove its like = ... from the site file",
         )
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from rigcal.cli._app import JsonOption, RigArgument, app, now_utc, print_json, show, with_files, write_report
+from rigcal.cli._formats import ExplainOption, ListOption, NamesFormats
 from rigcal.errors import writing
 
 
@@ -51,21 +52,29 @@ def report(
     show(f"report {output}")
 
 
-@app.command("import")
+@app.command("import", cls=NamesFormats)
 def import_file(
-    source: Annotated[Path, typer.Argument(metavar="FILE", help="Calibration of another tool.")],
+    source: Annotated[Path, typer.Argument(metavar="FILE|FOLDER", help="Calibration of another tool.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT.rig.json", help="The rig file to write.")],
     from_format: Annotated[
         str | None, typer.Option("--from", metavar="FORMAT", help="Its format; found out when not given.")
     ] = None,
+    unit: Annotated[
+        str | None, typer.Option("--unit", metavar="m|cm|mm", help="Its unit of length, where it does not say one.")
+    ] = None,
+    world: Annotated[
+        bool, typer.Option("--world", help="Its common frame has z up and the floor at 0: keep it as the world.")
+    ] = False,
     as_json: JsonOption = False,
+    _list: ListOption = False,
+    _explain: ExplainOption = None,
 ) -> None:
     """Turn another tool's calibration into a rig file, verdict IMPORTED."""
     from rigcal.formats import import_rig
     from rigcal.report import text_report
     from rigcal.rigfile import write_rigfile
 
-    document = import_rig(source, from_format=from_format, created_utc=now_utc())
+    document = import_rig(source, from_format=from_format, created_utc=now_utc(), unit=unit, common_is_world=world)
     with writing(output):
         document = write_rigfile(document, output)
     if as_json:
@@ -75,15 +84,17 @@ def import_file(
         show(f"rig file {output}")
 
 
-@app.command("export")
+@app.command("export", cls=NamesFormats)
 def export_file(
     rig: RigArgument,
-    to_format: Annotated[str, typer.Option("--to", metavar="FORMAT", help="kalibr, colmap or anipose.")],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT", help="The file to write.")],
+    to_format: Annotated[str, typer.Option("--to", metavar="FORMAT", help="One of the formats below.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT", help="The file or folder to write.")],
     as_json: JsonOption = False,
+    _list: ListOption = False,
+    _explain: ExplainOption = None,
 ) -> None:
-    """Write a rig for another tool; refused where that format cannot hold a coefficient."""
-    from rigcal.formats import export_rig
+    """Write a rig for another tool; refused where that format cannot hold a coefficient or a name."""
+    from rigcal.formats import FORMATS, export_rig
     from rigcal.rigfile import read_rigfile
 
     document = read_rigfile(rig)
@@ -94,4 +105,4 @@ def export_file(
     else:
         for line in conventions:
             show(f"  {line}")
-        show(f"{to_format} file {output}")
+        show(f"{to_format} {'folder' if FORMATS[to_format].is_folder else 'file'} {output}")

@@ -17,6 +17,8 @@ from rigcal.geometry import Floats, Pose
 ROTATION_TOLERANCE = 1e-5
 """How far R R^T may be from the identity: six written decimals leave at most 3e-6; a scaled or sheared matrix far
 more. The nearest rotation is taken."""
+LARGEST_RVEC_RAD = 20.0
+"""More than three turns: the vector is in degrees."""
 LONGEST_SHOWN_VALUE = 100
 """Characters of a wrong value in an error message: about one line."""
 
@@ -113,14 +115,18 @@ class Entry:
     def rotation(self) -> Floats:
         """(3, 3) rotation from a matrix, or from a rotation vector (Rodrigues) in radians."""
         rows = self.value if isinstance(self.value, list) else []
-        if len(rows) < 2 or not isinstance(rows[0], list):
-            return Pose.from_rvec(self.numbers(3), np.zeros(3)).rotation
-        if len(rows[0]) == 1:
-            return Pose.from_rvec(self.matrix(3, 1), np.zeros(3)).rotation
-        return self.nearest_rotation(self.matrix(3, 3))
+        if len(rows) > 1 and isinstance(rows[0], list) and len(rows[0]) > 1:
+            return self.nearest_rotation(self.matrix(3, 3))
+        is_column = len(rows) > 1 and isinstance(rows[0], list)
+        rvec_rad = self.matrix(3, 1).ravel() if is_column else self.numbers(3)
+        if np.abs(rvec_rad).max() > LARGEST_RVEC_RAD:
+            raise self.error(f"a rotation vector in radians, of at most {LARGEST_RVEC_RAD:g}")
+        return Pose.from_rvec(rvec_rad, np.zeros(3)).rotation
 
     def nearest_rotation(self, matrix: Floats) -> Floats:
         """The rotation nearest to a (3, 3) matrix of this entry, refused where the matrix is none."""
+        if np.abs(matrix).max() > 2:
+            raise self.error("a rotation matrix, of values from -1 to 1")
         error = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
         if error > ROTATION_TOLERANCE or np.linalg.det(matrix) < 0:
             got = f"R R^T off the identity by {error:.2g}, determinant {np.linalg.det(matrix):.4g}"
@@ -145,7 +151,7 @@ class Entry:
     def quaternion(self) -> Floats:
         """(4,) unit quaternion, in the order that the file has."""
         quaternion = self.numbers(4)
-        length = float(np.linalg.norm(quaternion))
+        length = math.hypot(*quaternion)
         if abs(length - 1) > ROTATION_TOLERANCE:
             raise self.error("a quaternion of length 1", f"length {length:.6g}")
         return quaternion

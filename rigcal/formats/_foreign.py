@@ -15,6 +15,10 @@ from rigcal.geometry import Pose
 from rigcal.rig import Rig, RigCamera
 
 METRES_PER_UNIT: Mapping[str, float] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+GL_FROM_CV = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+"""OpenGL's camera axes (x right, y up, z back) from OpenCV's; its own inverse."""
+_UPRIGHT_FROM_RIG = Pose(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]), np.zeros(3))
+"""z up, y forward from the axes of the reference camera, which is taken to stand level."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +89,14 @@ def cams_from_common(rig: Rig) -> tuple[list[Pose], str]:
     return [camera.cam_from_rig @ rig_from_world for camera in rig.cameras], "the world: z up, the floor at 0"
 
 
+def cams_from_upright(rig: Rig) -> tuple[list[Pose], str]:
+    """Like :func:`cams_from_common`, for a format whose scene has z up: without a world the rig frame is turned."""
+    poses, frame = cams_from_common(rig)
+    if rig.world_from_rig is not None:
+        return poses, frame
+    return [pose @ _UPRIGHT_FROM_RIG.inverse() for pose in poses], f"{frame}, turned so that z is up"
+
+
 def refuse_loss(camera: RigCamera, *, held: Collection[str], to: str, do_next: str) -> None:
     """Refuse to drop a lens coefficient that is not zero.
 
@@ -95,6 +107,20 @@ def refuse_loss(camera: RigCamera, *, held: Collection[str], to: str, do_next: s
     if lost:
         model = camera.camera.model
         raise LossyExportError(camera_id=camera.id, model=model, to=to, coefficients=lost, do_next=do_next)
+
+
+def refuse_fisheye(camera: RigCamera, *, to: str) -> None:
+    """Refuse a fisheye lens for a format that has none.
+
+    Raises:
+        LossyExportError: naming the camera and its coefficients.
+    """
+    if camera.camera.is_fisheye:
+        named = [f"fisheye {name} = {value:.6g}" for name, value in list(camera.camera.coefficients.items())[4:]]
+        do_next = "export to colmap, anipose, foxglove, ros or kalibr, which hold a fisheye lens"
+        raise LossyExportError(
+            camera_id=camera.id, model=camera.camera.model, to=to, coefficients=named, do_next=do_next
+        )
 
 
 def refuse_names(rig: Rig, allowed: str, *, to: str, expected: str) -> None:

@@ -1,203 +1,138 @@
-"""The known formats; import with recognition by content, export with the conventions that were written."""
+"""The known formats: what each is called, how it is recognised, read and written."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Protocol
 
-from rigcal.errors import FormatError, OptionError, UnknownFormatError
-from rigcal.formats import anipose, colmap, kalibr, multiview_dataset
-from rigcal.formats._foreign import METRES_PER_UNIT, ForeignRig, Written, largest_distance_m
+from rigcal.errors import FormatError
+from rigcal.formats import (
+    anipose,
+    colmap,
+    colmap_model,
+    easymocap,
+    foxglove,
+    kalibr,
+    mrcal,
+    multiview_dataset,
+    nerfstudio,
+    opencv,
+    qualisys,
+    ros,
+    usd,
+)
+from rigcal.formats._foreign import ForeignRig, Written
+from rigcal.formats._source import Source
 from rigcal.rig import Rig
-from rigcal.rigdocument import FORMAT as RIG_FORMAT
-from rigcal.rigdocument import RigDocument
-from rigcal.rigfile import document_of_rig, rig_of, write_atomically
 
-LARGEST_ASSUMED_METRES = 50.0
-"""A file that does not say its unit is taken for metres up to this distance between cameras: a stereo pair 60 mm apart,
-written in millimetres, is already beyond it."""
+Writer = Callable[[Rig], Written]
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A file format of another tool."""
+    """A format of another tool: a file, or a folder of files."""
 
     name: str
+    """As ``--from`` and ``--to`` have it."""
     description: str
-    recognises: Callable[[str], bool]
-    """Whether a text is in this format."""
-    read: Callable[[Path, str], ForeignRig]
-    write: Callable[[Rig], Written] | None = None
+    """The tools and files, in a few words."""
+    meaning: str
+    """What its numbers mean: frames, units, order of coefficients, pixel centres."""
+    recognises: Callable[[Source], bool]
+    """Whether a file or folder is in this format."""
+    read: Callable[[Source], ForeignRig] | None
+    """None where a rig can only be exported."""
+    write: Writer | None
+    """None where a rig can only be imported."""
+    has_common_frame: bool
+    """Whether the poses are from a frame of their own, which may be a world; False where they lead from camera to
+    camera."""
+    is_folder: bool
+    """Whether the format is several files in a folder."""
+
+    @property
+    def can_import(self) -> bool:
+        """Whether a rig can be read from this format."""
+        return self.read is not None
 
     @property
     def can_export(self) -> bool:
-        """Whether a rig can be written in this format; every format can be imported."""
+        """Whether a rig can be written in this format."""
         return self.write is not None
 
 
-FORMATS: Mapping[str, Format] = MappingProxyType(
-    {
-        form.name: form
-        for form in (
-            Format(
-                anipose.NAME,
-                "aniposelib, Pose2Sim and Caliscope TOML",
-                anipose.recognises,
-                anipose.read,
-                anipose.write,
-            ),
-            Format(
-                colmap.NAME,
-                "COLMAP rig configuration, rig_config.json",
-                colmap.recognises,
-                colmap.read,
-                colmap.write,
-            ),
-            Format(kalibr.NAME, "Kalibr camchain.yaml", kalibr.recognises, kalibr.read, kalibr.write),
-            Format(
-                multiview_dataset.NAME,
-                "dataset.json of a multi-view data set",
-                multiview_dataset.recognises,
-                multiview_dataset.read,
-            ),
-        )
-    }
+class _OfText(Protocol):
+    """A module whose format is one text file."""
+
+    NAME: str
+
+    def recognises(self, text: str, /) -> bool: ...
+    def read(self, file: Path, text: str, /) -> ForeignRig: ...
+
+
+class _OfFiles(Protocol):
+    """A module whose format is several files, or one in several forms."""
+
+    NAME: str
+
+    def recognises(self, source: Source, /) -> bool: ...
+    def read(self, source: Source, /) -> ForeignRig: ...
+
+
+def _text_format(module: _OfText, description: str, write: Writer | None, *, has_common_frame: bool = True) -> Format:
+    def recognises(source: Source) -> bool:
+        return not source.is_folder and any(module.recognises(text) for text in source.texts.values())
+
+    def read(source: Source) -> ForeignRig:
+        if source.is_folder:
+            raise FormatError(
+                f"{module.NAME} is one file, not a folder",
+                where=source.path,
+                expected="a file",
+                got=f"a folder with {source.shown_names}",
+                do_next="give the file in it",
+            )
+        return module.read(source.path, *source.texts.values())
+
+    meaning = _meaning(module)
+    return Format(module.NAME, description, meaning, recognises, read, write, has_common_frame, is_folder=False)
+
+
+def _files_format(
+    module: _OfFiles, description: str, write: Writer, *, has_common_frame: bool = True, is_folder: bool = True
+) -> Format:
+    meaning = _meaning(module)
+    return Format(module.NAME, description, meaning, module.recognises, module.read, write, has_common_frame, is_folder)
+
+
+def _meaning(module: object) -> str:
+    """The module's own docstring, which is where a format is described."""
+    return (module.__doc__ or "").replace("``", "").strip()
+
+
+def _export_format(name: str, description: str, meaning: str, write: Writer) -> Format:
+    return Format(name, description, meaning, lambda _: False, None, write, has_common_frame=True, is_folder=False)
+
+
+_ALL = (
+    _text_format(anipose, "aniposelib, Pose2Sim, Caliscope and FreeMoCap TOML", anipose.write),
+    _text_format(colmap, "COLMAP rig configuration, rig_config.json", colmap.write, has_common_frame=False),
+    _files_format(colmap_model, "COLMAP model: cameras, images, rigs (import also binary)", colmap_model.write),
+    _files_format(easymocap, "EasyMocap intri.yml and extri.yml", easymocap.write),
+    _text_format(foxglove, "Foxglove CameraCalibration and FrameTransforms as JSON", foxglove.write),
+    _text_format(kalibr, "Kalibr camchain.yaml", kalibr.write, has_common_frame=False),
+    _files_format(mrcal, "mrcal .cameramodel, one for each camera", mrcal.write),
+    _text_format(multiview_dataset, "dataset.json of a multi-view data set", None),
+    _text_format(nerfstudio, "nerfstudio transforms.json", nerfstudio.write),
+    _files_format(
+        opencv, "OpenCV yml: one camera or a stereo pair", opencv.write, has_common_frame=False, is_folder=False
+    ),
+    _text_format(qualisys, "Qualisys Track Manager .qca.txt", None),
+    _files_format(ros, "ROS camera_info with tf_static, launch file and URDF", ros.write),
+    _export_format(usd.NAME, "OpenUSD cameras, .usda", _meaning(usd), usd.write),
 )
+FORMATS: Mapping[str, Format] = MappingProxyType({form.name: form for form in _ALL})
 """Every format by its name."""
-
-
-def import_rig(path: Path, *, from_format: str | None, created_utc: str, unit: str | None = None) -> RigDocument:
-    """Read another tool's calibration: verdict IMPORTED, the first camera as reference.
-
-    Args:
-        path: the file.
-        from_format: a name of :data:`FORMATS`, or None to recognise the format by the content.
-        created_utc: ISO 8601 time in UTC, for the rig file.
-        unit: ``m``, ``cm`` or ``mm``, for formats that do not say; None takes metres, unless that makes a giant.
-
-    Raises:
-        UnknownFormatError: for an unknown name, or a content that is not recognised.
-        FormatError: for a file that is absent or cannot be read, a missing or malformed entry, or a unit that
-            contradicts the file's or is needed.
-        OptionError: for a unit that is none of the three.
-    """
-    data = _bytes_of(path)
-    text = _text_of(path, data)
-    form = _known(from_format, "--from", path) if from_format else _recognised(path, text)
-    foreign = form.read(path, text)
-    chosen, said_by = _unit(path, form, foreign, unit)
-    try:
-        rig = foreign.rig(site=path.stem, metres_per_unit=METRES_PER_UNIT[chosen])
-    except ValueError as error:
-        do_next = "give every camera a name of its own"
-        raise FormatError(str(error), where=path, expected="names that differ", do_next=do_next) from error
-    if said_by == "assumed":
-        _refuse_giant(path, largest_distance_m(rig))
-    return document_of_rig(
-        rig,
-        created_utc=created_utc,
-        inputs_sha256=hashlib.sha256(data).hexdigest(),
-        options={"from_format": form.name, "unit": chosen, "unit_from": said_by},
-        extensions=foreign.extensions,
-    )
-
-
-def export_rig(document: RigDocument, path: Path, to_format: str) -> list[str]:
-    """Write a rig in another tool's format.
-
-    Returns:
-        the conventions written, one line each: frames, units, coefficients, pixel centres.
-
-    Raises:
-        UnknownFormatError: for a name that is unknown, or of a format that can only be imported.
-        LossyExportError: where the format has no place for a coefficient that is not zero; nothing is written.
-        RigFileError: where the folder is absent or cannot be written.
-    """
-    form = _known(to_format, "--to", path)
-    if form.write is None:
-        exportable = [known.name for known in FORMATS.values() if known.can_export]
-        problem = f"{form.name} can be imported only"
-        raise UnknownFormatError(problem, where=path, formats=exportable, got=form.name, option="--to")
-    written = form.write(rig_of(document))
-    write_atomically(path, written.text)
-    return list(written.conventions)
-
-
-def _known(name: str, option: str, path: Path) -> Format:
-    if name not in FORMATS:
-        problem = f"there is no format {name!r}"
-        raise UnknownFormatError(problem, where=path, formats=list(FORMATS), got=name, option=option)
-    return FORMATS[name]
-
-
-def _recognised(path: Path, text: str) -> Format:
-    matches = [form for form in FORMATS.values() if form.recognises(text)]
-    if len(matches) == 1:
-        return matches[0]
-    if _is_rig_file(text):
-        do_next = "use it as it is: every command takes it"
-        raise FormatError("this is a rig file already", where=path, expected="another tool's file", do_next=do_next)
-    got = " and ".join(form.name for form in matches) or "none of them"
-    problem = "cannot tell the format of this file"
-    raise UnknownFormatError(problem, where=path, formats=list(FORMATS), got=got, option="--from")
-
-
-def _is_rig_file(text: str) -> bool:
-    try:
-        content = json.loads(text)
-    except ValueError:
-        return False
-    return isinstance(content, dict) and content.get("format") == RIG_FORMAT
-
-
-def _bytes_of(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        problem = "no such file" if isinstance(error, FileNotFoundError) else "cannot read this file"
-        do_next = "check the path"
-        raise FormatError(
-            problem, where=path, expected="a calibration file", got=error.strerror, do_next=do_next
-        ) from error
-
-
-def _text_of(path: Path, data: bytes) -> str:
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        got = f"a byte that is not UTF-8 at {error.start}"
-        raise UnknownFormatError(
-            "this is not a text file", where=path, formats=list(FORMATS), got=got, option="--from"
-        ) from error
-
-
-def _unit(path: Path, form: Format, foreign: ForeignRig, unit: str | None) -> tuple[str, str]:
-    """The unit of length, and who said so: ``file``, ``option`` or ``assumed``."""
-    if unit is not None and unit not in METRES_PER_UNIT:
-        raise OptionError("--unit", expected="one of " + ", ".join(METRES_PER_UNIT), got=unit)
-    if foreign.unit is None:
-        return (unit, "option") if unit else ("m", "assumed")
-    if unit not in (None, foreign.unit):
-        raise FormatError(
-            f"this {form.name} file is in {foreign.unit}",
-            where=path,
-            expected=f"--unit {foreign.unit}, or no --unit",
-            got=f"--unit {unit}",
-            do_next="leave --unit out",
-        )
-    return foreign.unit, "file"
-
-
-def _refuse_giant(path: Path, distance_m: float) -> None:
-    if distance_m > LARGEST_ASSUMED_METRES:
-        raise FormatError(
-            "the file does not say its unit of length, and metres are unlikely",
-            where=path,
-            expected=f"cameras up to {LARGEST_ASSUMED_METRES:g} m apart",
-            got=f"two cameras {distance_m:.6g} apart",
-            do_next="say the unit with --unit mm, --unit cm or --unit m",
-        )

@@ -1,10 +1,11 @@
-"""aniposelib's TOML and its relatives: Pose2Sim's ``Calib.toml``, Caliscope's ``camera_array.toml``, ``config.toml``.
+"""aniposelib's TOML and its relatives: of Pose2Sim (``Calib.toml``), Caliscope (``camera_array.toml``) and FreeMoCap.
 
 One table per camera: ``name, size = [w, h], matrix, distortions, rotation, translation`` and an optional
 ``fisheye``. ``x_cam = R x_common + t``, ``rotation`` a Rodrigues vector or (Caliscope) a matrix, OpenCV's camera axes
 and pixel centres, distortions k1 k2 p1 p2 [k3] or fisheye k1 k2 k3 k4. The unit of length is the board's and is not
-written; rigcal writes metres and says so in ``[metadata]``. aniposelib takes exactly five distortions, so five are
-written, and a rational lens (k4 k5 k6) cannot be.
+written; rigcal writes metres and says so in ``[metadata]``. FreeMoCap is known by its ``world_position``, the
+camera's centre once more, and works in millimetres. aniposelib takes exactly five distortions, so five are written,
+and a rational lens (k4 k5 k6) cannot be.
 """
 
 from __future__ import annotations
@@ -18,7 +19,15 @@ import tomli_w
 from rigcal.camera import FOCAL_AND_CENTRE
 from rigcal.errors import FormatError
 from rigcal.formats._entries import Entry
-from rigcal.formats._foreign import METRES_PER_UNIT, ForeignCamera, ForeignRig, Written, cams_from_common, refuse_loss
+from rigcal.formats._foreign import (
+    METRES_PER_UNIT,
+    ForeignCamera,
+    ForeignRig,
+    Written,
+    cams_from_common,
+    coefficients_of,
+    refuse_loss,
+)
 from rigcal.geometry import Pose
 from rigcal.rig import Rig, RigCamera
 
@@ -58,7 +67,8 @@ def read(file: Path, text: str) -> ForeignRig:
     unit = content.get("metadata", {}).get("units", None)
     if unit.value is not None and unit.text() not in METRES_PER_UNIT:
         raise unit.error("one of " + ", ".join(METRES_PER_UNIT))
-    return ForeignRig(tuple(cameras), unit=unit.value)
+    is_freemocap = all("world_position" in table for _, table in tables)
+    return ForeignRig(tuple(cameras), unit=unit.value or ("mm" if is_freemocap else None))
 
 
 def _camera_tables(content: Entry) -> list[tuple[str, Entry]]:

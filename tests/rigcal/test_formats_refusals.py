@@ -13,6 +13,7 @@ from rigcal.rig import Rig, RigCamera
 from rigcal.rigfile import document_of_rig, rig_of, write_rigfile
 
 UTC = "2026-11-22T09:30:01Z"
+IMPORT_ONLY = ("multiview-dataset", "qualisys")
 K = [[1000.0, 0.0, 320.0], [0.0, 1001.0, 240.0], [0.0, 0.0, 1.0]]
 EYE = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
@@ -136,8 +137,9 @@ def test_an_absent_file_is_named(tmp_path):
     with pytest.raises(FormatError, match="no such file") as caught:
         load(tmp_path / "absent.toml")
     assert caught.value.where.endswith("absent.toml")
-    with pytest.raises(FormatError, match="cannot read this file"):
+    with pytest.raises(FormatError, match="no calibration file in this folder") as caught:
         load(tmp_path)
+    assert caught.value.got == "an empty folder"
 
 
 def test_an_unknown_format_lists_those_that_exist(tmp_path):
@@ -151,17 +153,23 @@ def test_an_unknown_format_lists_those_that_exist(tmp_path):
         assert str(caught.value) == (
             "there is no format 'vicon'\n"
             f"  where:    {path}\n"
-            "  expected: one of anipose, colmap, kalibr, multiview-dataset\n"
+            f"  expected: one of {', '.join(FORMATS)}\n"
             "  got:      vicon\n"
             f"  do next:  name one of these formats with {option}"
         )
+
+
+def test_a_format_that_is_only_exported_cannot_be_imported(tmp_path):
+    with pytest.raises(UnknownFormatError, match="usd can be exported only") as caught:
+        load(put(tmp_path, "#usda 1.0"), "usd")
+    assert caught.value.expected == "one of " + ", ".join(name for name in FORMATS if name != "usd")
 
 
 def test_a_format_that_is_only_imported_cannot_be_exported(tmp_path):
     assert not FORMATS["multiview-dataset"].can_export
     with pytest.raises(UnknownFormatError, match="multiview-dataset can be imported only") as caught:
         export_rig(rig("opencv4"), tmp_path / "x", "multiview-dataset")
-    assert caught.value.expected == "one of anipose, colmap, kalibr"
+    assert caught.value.expected == "one of " + ", ".join(name for name in FORMATS if name not in IMPORT_ONLY)
 
 
 @pytest.mark.parametrize("content", ["", "hello", "{}", "[]", "[1]", "a = 1", "cam0:\n  model: x\n", '{"a": [[['])
@@ -182,8 +190,9 @@ def test_a_content_that_fits_two_formats_names_both(tmp_path):
 def test_a_binary_file_is_no_calibration(tmp_path):
     path = tmp_path / "cameras.bin"
     path.write_bytes(b"\x01\x00\xff\xfe")
-    with pytest.raises(UnknownFormatError, match="this is not a text file"):
+    with pytest.raises(FormatError, match="this is not a text file") as caught:
         load(path)
+    assert caught.value.got == "4 bytes that are not"
 
 
 def test_a_rig_file_is_recognised_and_not_imported(tmp_path):
@@ -222,7 +231,7 @@ JSON_MISTAKES = [
         (0, "cameras", 1, "cam_from_rig_rotation"),
         [1, 1, 0, 0],
         "[0].cameras[1].cam_from_rig_rotation",
-        "w x y z of length 1",
+        "a quaternion of length 1",
         "length 1.41421",
     ),
     (colmap, (0, "cameras", 0, "camera_model_name"), "FOV", "[0].cameras[0].camera_model_name", "OPENCV", "FOV"),
@@ -252,6 +261,13 @@ TEXT_MISTAKES = [
     (ANIPOSE, "[cam_0]", '[metadata]\nunits = "inch"\n[cam_0]', "metadata.units", "one of m, cm, mm"),
     (ANIPOSE, "[-60.0, 0.0, 0.0]", "[-inf, 0.0, 0.0]", "cam_1.translation[0]", "a finite number"),
     (ANIPOSE, "rotation = [0.0, 0.1, 0.0]", "rotation = [0.0, 0.1]", "cam_1.rotation", "a list of 3 numbers"),
+    (
+        ANIPOSE,
+        "rotation = [0.0, 0.1, 0.0]",
+        "rotation = [0.0, 45.0, 0.0]",
+        "cam_1.rotation",
+        "a rotation vector in rad",
+    ),
     (KALIBR, "  T_cn_cnm1:", "  T_cn:", "cam1.T_cn_cnm1", "this entry"),
     (KALIBR, "cam1:", "cam2:", "cam1", "this entry"),
     (KALIBR, "camera_model: pinhole", "camera_model: omni", "cam0.camera_model", "'pinhole'"),
@@ -319,10 +335,15 @@ def test_a_unit_in_the_metadata_is_followed_and_may_not_be_contradicted(tmp_path
         load(path, unit="inch")
 
 
+FISHEYE = "fisheye k1 = 0, fisheye k2 = 0.5, fisheye k3 = 0, fisheye k4 = 0"
 LOSSES = [
     ("kalibr", "opencv5", {"k3": -0.012}, "kalibr radtan", "k3 = -0.012", "--model opencv4, or export to colmap"),
     ("kalibr", "opencv8", {"k3": 0.1, "k6": 0.2}, "kalibr radtan", "k3 = 0.1, k6 = 0.2", "--model opencv4"),
     ("anipose", "opencv8", {"k1": 0.1, "k4": 0.3}, "anipose", "k4 = 0.3", "--model opencv5, or export to colmap"),
+    ("easymocap", "opencv8", {"k1": 0.1, "k5": 0.3}, "easymocap", "k5 = 0.3", "--model opencv5, or export to colmap"),
+    ("nerfstudio", "opencv8", {"k4": 1e-9}, "nerfstudio", "k4 = 1e-09", "--model opencv5, or export to colmap"),
+    ("easymocap", "fisheye4", {"k2": 0.5}, "easymocap", FISHEYE, "which hold a fisheye lens"),
+    ("mrcal", "fisheye4", {"k2": 0.5}, "mrcal", FISHEYE, "which hold a fisheye lens"),
 ]
 
 
@@ -340,7 +361,7 @@ def test_an_export_that_would_drop_a_coefficient_is_refused(
     assert not path.exists()
 
 
-@pytest.mark.parametrize(("to_format", "model"), [("kalibr", "opencv8"), ("anipose", "opencv8"), ("colmap", "opencv8")])
+@pytest.mark.parametrize(("to_format", "model"), [(name, "opencv8") for name in FORMATS if name not in IMPORT_ONLY])
 def test_a_coefficient_of_zero_is_no_loss(tmp_path, to_format, model):
     assert export_rig(rig(model, k1=0.1), tmp_path / "out", to_format)
 

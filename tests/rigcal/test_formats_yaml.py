@@ -1,4 +1,4 @@
-"""Claims about the reader of camchain files: PyYAML's layouts are read, everything else is refused by line."""
+"""Claims about the reader of YAML: the layouts of Kalibr and ROS are read, everything else is refused by line."""
 
 import numpy as np
 import pytest
@@ -86,6 +86,34 @@ def test_hand_edited_layouts_are_read(tmp_path):
             "nested": {"deep": {"value": None}, "truth": True},
         }
     }
+
+
+AS_ROS_PRINTS_IT = """\
+transforms:
+- header:
+    stamp:
+      sec: 1
+      nanosec: 0
+    frame_id: world
+  child_frame_id: cam0_optical_frame
+  transform: {}
+-   header:
+      frame_id: "a: b"
+    names:
+    - x: 1
+    - [2, 3]
+    - y: 4
+---
+"""
+
+
+def test_lists_of_tables_are_read(tmp_path):
+    text = AS_ROS_PRINTS_IT.replace("  transform: {}\n", "")
+    first = {"header": {"stamp": {"sec": 1, "nanosec": 0}, "frame_id": "world"}, "child_frame_id": "cam0_optical_frame"}
+    second = {"header": {"frame_id": "a: b"}, "names": [{"x": 1}, [2, 3], {"y": 4}]}
+    assert parse_yaml(tmp_path, text) == {"transforms": [first, second]}
+    with pytest.raises(FormatError, match="line 8"):
+        parse_yaml(tmp_path, AS_ROS_PRINTS_IT)
 
 
 REFUSED = [
