@@ -26,6 +26,8 @@ from rigcal.geometry import Bools, Floats, Ints, Pose, freeze
 
 POSE = 6  # rotation (3) then translation (3)
 BOW = 2  # along x and along y
+SHORTEST_FOCAL = 0.1
+"""Focal length over the image's longer side, below which none is looked for: half that of a circular fisheye lens."""
 _EXACT_PX = 1e-7  # residual below which there is nothing left to gain: a thousandth of the rounding in a detector
 
 
@@ -194,6 +196,9 @@ class Solution:
     """Noise per axis estimated from the residuals and the degrees of freedom."""
     inflation: float
     """Variance of the unknowns over what it would be if the corners of a board erred independently; at least 1."""
+    pull: Floats
+    """(B,) how hard each board pulls at the cameras: the chi-square of its share of their gradient over its degrees of
+    freedom, 1 on average for boards that err by noise alone. Zero for boards that no free unknown depends on."""
     iterations: int
     converged: bool
 
@@ -430,7 +435,7 @@ class _System:
         return camera_step.reshape(self.blocks, self.width), board_step
 
     def moved(self, at: _Working, step: tuple[Floats, Floats]) -> _Working | None:
-        """The state after a step; None where a step is not finite or a focal length would not be positive."""
+        """The state after a step; None where a step is not finite or a focal length would be too short."""
         camera_step, board_step = step
         bow_step = camera_step[self.n_cameras :, :BOW].sum(axis=0)  # zero where it is held
         camera_step = camera_step[: self.n_cameras]
@@ -440,7 +445,7 @@ class _System:
             camera.params + delta[POSE : POSE + len(camera.params)]
             for camera, delta in zip(at.cameras, camera_step, strict=True)
         ]
-        if any(p[0] <= 0 or p[1] <= 0 for p in params):
+        if any(p[:2].min() < SHORTEST_FOCAL * max(c.size_wh) for p, c in zip(params, at.cameras, strict=True)):
             return None
         return _Working(
             tuple(camera.with_params(p) for camera, p in zip(at.cameras, params, strict=True)),
@@ -458,13 +463,12 @@ class _System:
         freedom = max(2 * len(self.obs) - len(index) - POSE * boards_seen, 1)
         sigma_px = float(np.sqrt((self.obs.weights @ (linear.residuals**2).sum(axis=1)) / freedom))
         covariance = np.asarray(np.linalg.pinv(S, hermitian=True), dtype=np.float64) if index else np.zeros((0, 0))
-        inflation = self._inflation(linear, covariance, sigma_px)
-        return Solution(
-            linear.at.state, linear.residuals, covariance, index, sigma_px, inflation, iterations, converged
-        )
+        inflation, pull = self._shares(linear, covariance, sigma_px)
+        evidence = (linear.residuals, covariance, index, sigma_px, inflation, pull)
+        return Solution(linear.at.state, *evidence, iterations, converged)
 
-    def _inflation(self, linear: _Linear, covariance: Floats, sigma_px: float) -> float:
-        """How much the gradients of whole boards vary beyond what independent corners would let them.
+    def _shares(self, linear: _Linear, covariance: Floats, sigma_px: float) -> tuple[float, Floats]:
+        """How much the gradients of whole boards vary beyond what independent corners would let them; each one's pull.
 
         At the solution each board's share ``g_b`` of the cameras' gradient should have the variance
         ``sigma^2 H_b``, with ``H_b`` its share of the reduced system, less what the fit took away:
@@ -472,8 +476,9 @@ class _System:
         of ``S``. Errors that all corners of a view share (a bent board, blur, a detector's bias on oblique squares)
         make it larger; the ratio is the variance inflation, as in cluster-robust covariances (Liang and Zeger 1986).
         """
+        pull = np.zeros(len(linear.Cb))
         if not len(covariance) or sigma_px == 0:
-            return 1.0
+            return 1.0, pull
         D = self.width
         board_columns = slice(D + BOW, -1)
         normal = linear.by_view
@@ -491,11 +496,21 @@ class _System:
             g = np.concatenate([normal[v][u, -1] for v, u in zip(views, unknowns, strict=True)])
             solved = np.linalg.solve(linear.Cb[board], np.column_stack([E.T, linear.gb[board]]))
             C = covariance[np.ix_(rows, rows)]
-            H = C @ (A - E @ solved[:, :-1])
+            H = A - E @ solved[:, :-1]
             g = g - E @ solved[:, -1]
+            CH = C @ H
             observed += float(g @ C @ g)
-            expected += float(np.trace(H) - np.trace(H @ H))
-        return max(observed / (sigma_px**2 * expected), 1.0) if expected > 1e-9 else 1.0
+            expected += float(np.trace(CH) - np.trace(CH @ CH))
+            pull[board] = _reduced_chi_square(g / sigma_px, H - H @ CH, np.diag(A))
+        return (max(observed / (sigma_px**2 * expected), 1.0) if expected > 1e-9 else 1.0), pull
+
+
+def _reduced_chi_square(values: Floats, covariance: Floats, information: Floats) -> float:
+    """``values^T covariance^-1 values`` over the rank; directions with hardly any of the information are left out."""
+    scale = 1 / np.sqrt(np.maximum(information, 1e-300))
+    variances, directions = np.linalg.eigh(covariance * scale[:, None] * scale)
+    kept = variances > 1e-8
+    return float(((directions.T @ (values * scale))[kept] ** 2 / variances[kept]).mean()) if kept.any() else 0.0
 
 
 def bow_basis(corners_in_board: Floats) -> Floats:

@@ -29,6 +29,9 @@ class RejectionRule:
     """A view's sigma over the median view's."""
     corner_sigmas: float = 6.0
     """A corner's distance over its camera's sigma: for Gaussian noise one corner in 65 million is that far off."""
+    pull_ratio: float = 6.0
+    """How hard a board may pull at the cameras, over the median board: for Gaussian noise about one in a million pulls
+    harder. Such a board fits well enough, but only because lenses and poses bend to it."""
     floor_px: float = 0.1
     """Spread below which nothing is rejected: a detector's own noise on a sharp board."""
 

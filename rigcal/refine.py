@@ -18,12 +18,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from rigcal.agreement import Names
 from rigcal.board import Board
 from rigcal.bundle import Freedom, Observations, Solution, State, rmse_px
 from rigcal.camera import Camera
 from rigcal.detections import Finding, Instants
+from rigcal.errors import CalibrationError
 from rigcal.geometry import Floats, Pose
 from rigcal.intrinsics import IntrinsicsResult, lens_freedom
 from rigcal.outliers import RejectionRule
@@ -115,8 +118,29 @@ def refine_rig(
     if noisy:
         freedom = _with_held_lenses(freedom, noisy)
         solved = solve_robustly(observations, start, freedom, names, options.rule)
+    _require_joined(solved, names)
     findings = (*groups.findings, *placed.findings, *solved.findings)
     return JointResult(solved.solution, solved.observations, freedom, start, findings, noisy, placed.order_of)
+
+
+def _require_joined(solved: RobustSolution, names: Names) -> None:
+    """Refuse a rig that falls apart once its bad views are out."""
+    seen = np.zeros((len(names.camera_ids), int(solved.observations.board_idx.max(initial=-1)) + 1))
+    seen[solved.observations.camera_idx, solved.observations.board_idx] = 1
+    _, label = connected_components(csr_array(seen @ seen.T), directed=False)
+    apart = [camera for camera, group in enumerate(label) if group != label[0]]
+    if not apart:
+        return
+    lost = [sum(c == camera and f.action == "dropped" for c, f in solved.findings) for camera in apart]
+    ids = [names.camera_ids[camera] for camera in apart]
+    raise CalibrationError(
+        f"every view that joined {', '.join(ids)} to {names.camera_ids[0]} was rejected",
+        where="the joint solve",
+        expected="views of one board that agree on where it was",
+        got=", ".join(f"{n} dropped views of {camera_id}" for n, camera_id in zip(lost, ids, strict=True)),
+        do_next="check that the images were taken at the same time, that no camera moved and that there is one board; "
+        f"then show it, held still, to {ids[0]} and a neighbour together in 10 or more positions",
+    )
 
 
 def _weights(groups: Groups, placed: PlacedBoards, lenses: Sequence[IntrinsicsResult]) -> dict[tuple[int, int], float]:
