@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -94,18 +94,27 @@ def open_capture(path: Path, *, camera_order: Sequence[str] | None = None) -> Ca
     return Capture(path, tuple(_ordered(path, cameras, camera_order) if camera_order else cameras))
 
 
-def read_frames(camera: CaptureCamera, *, colour: bool = False) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """Every frame of a camera in order: (index, image (H, W) grey or (H, W, 3) BGR), 8 bits a channel.
+def read_frames(
+    camera: CaptureCamera, *, wanted: Set[int] | None = None, colour: bool = False
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Frames of a camera in order: (index, image (H, W) grey or (H, W, 3) BGR), 8 bits a channel.
+
+    Args:
+        camera: the camera.
+        wanted: indices of the frames to give, all when None; a video is decoded up to the last of them, but only they
+            are turned into images.
+        colour: BGR instead of grey.
 
     Raises:
         BrokenFileError: where an image cannot be decoded, or a video ends before its last frame.
         ImageSizeError: where an image has another size than the first.
     """
+    frames = range(len(camera.frames)) if wanted is None else sorted(wanted)
     if camera.kind == "video":
-        yield from _video_frames(camera, colour)
+        yield from _video_frames(camera, frames, colour)
         return
-    for index, path in enumerate(camera.paths):
-        yield index, read_image(camera, path, colour=colour)
+    for index in frames:
+        yield index, read_image(camera, camera.paths[index], colour=colour)
 
 
 def read_frames_at(
@@ -120,7 +129,7 @@ def read_frames_at(
     wanted = sorted(set(frame_idx))
     if camera.kind == "video":
         found = _sought_frames(camera, wanted, colour)
-        yield from found or (frame for frame in _video_frames(camera, colour) if frame[0] in wanted)
+        yield from found or _video_frames(camera, wanted, colour)
         return
     for index in wanted:
         yield index, read_image(camera, camera.paths[index], colour=colour)
@@ -162,18 +171,52 @@ def _is_whole(suffix: str, content: bytes) -> bool:
     return True
 
 
-def _video_frames(camera: CaptureCamera, colour: bool) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    path, count, form = camera.paths[0], 0, "bgr24" if colour else "gray"
+def _video_frames(
+    camera: CaptureCamera, wanted: Sequence[int], colour: bool
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Frames of a video, decoded in order up to the last wanted one."""
+    path, form, total = camera.paths[0], "bgr24" if colour else "gray", len(camera.frames)
+    kept, given, seen = frozenset(wanted), 0, 0
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
-            for count, frame in enumerate(container.decode(stream), start=1):
-                yield count - 1, np.asarray(frame.to_ndarray(format=form), dtype=np.uint8)
+            index_of = _index_of_tick(path) if len(kept) < total else {}
+            for index, frame in _needed_frames(container, stream, index_of, kept):
+                seen = index + 1
+                if index in kept:
+                    given += 1
+                    yield index, np.asarray(frame.to_ndarray(format=form), dtype=np.uint8)
+                    if given == len(kept) < total:
+                        return
     except av.error.FFmpegError as error:
-        raise BrokenFileError(path, expected=f"{len(camera.frames)} frames", got=f"{count} frames, {error}") from error
-    if count != len(camera.frames):
-        raise BrokenFileError(path, expected=f"{len(camera.frames)} frames", got=f"{count} frames")
+        raise BrokenFileError(path, expected=f"{total} frames", got=f"{seen} frames, {error}") from error
+    if given != len(kept) or seen > total:
+        raise BrokenFileError(path, expected=f"{total} frames", got=f"{seen} frames")
+
+
+def _needed_frames(
+    container: av.container.InputContainer, stream: av.VideoStream, index_of: Mapping[int, int], wanted: Set[int]
+) -> Iterator[tuple[int, av.VideoFrame]]:
+    """Frames and their index, all of them where ``index_of`` is empty; else without those that are not wanted and that
+    no other frame refers to: a third of the decoder's time where a video has such frames, and none otherwise."""
+    if not index_of:
+        yield from enumerate(container.decode(stream))
+        return
+    for packet in container.demux(stream):
+        unwanted = packet.pts is not None and index_of.get(packet.pts) not in wanted
+        stream.codec_context.skip_frame = "NONREF" if unwanted else "DEFAULT"
+        for frame in packet.decode():
+            if frame.pts is not None and frame.pts in index_of:
+                yield index_of[frame.pts], frame
+
+
+def _index_of_tick(path: Path) -> dict[int, int]:
+    """Index of the frame by its presentation time in the stream's time base; empty where packets do not say it."""
+    with av.open(str(path)) as container:
+        ticks = [packet.pts for packet in container.demux(container.streams.video[0]) if packet.size]
+    known = sorted(tick for tick in ticks if tick is not None)
+    return {tick: index for index, tick in enumerate(known)} if len(set(known)) == len(ticks) else {}
 
 
 def _sought_frames(

@@ -19,14 +19,14 @@ from rigcal.geometry import Floats
 
 PER_CAMERA, IN_ALL = 3, 12
 """Pictures of one camera and of the rig: a page of twelve is looked at, a page of sixty is not."""
-MARGIN = 0.15
-"""Room around the board's corners over their extent: a square of a board of seven, so that its border is seen."""
+MARGIN = 0.3
+"""Room around the board's corners over their extent, so that the outer squares are seen and some of what is behind."""
 LONGEST_PX = 640
 """Longer side of a picture; the report shows it about half as wide."""
 QUALITIES = (85, 75, 60, 45, 30)
 """JPEG qualities, tried until the file is small enough."""
-GREATEST_BYTES = 60_000
-"""Size of a file: twelve of them, in base64, are 1 MB of a report that should stay below 2 MB."""
+GREATEST_BYTES = 50_000
+"""Size of a file: twelve of them, in base64, are 0.8 MB of a report that should stay below 2 MB."""
 
 
 def worst_views(

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from rigcal.bundle import POSE
 from rigcal.geometry import Floats, Pose, freeze
 from rigcal.rigdocument import CovarianceEntry, RigDocument
-
-POSE = 6
-"""Unknowns of a pose: rotation (3, rad), then translation (3, m), see :mod:`rigcal.geometry`."""
+from rigcal.uncertainty import RigCovariance, cross_matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,26 +71,59 @@ class RelativePoses:
 
 def poses_of(document: RigDocument) -> RelativePoses:
     """The poses of a rig file; cameras that its covariance does not name count as exact."""
+    entry = document.covariance
+    return _poses(document, entry.matrix if entry else ())
+
+
+def poses_given_lenses(document: RigDocument) -> RelativePoses | None:
+    """The same with the uncertainty that is left if the lenses are exact; None where the rig file does not state it.
+
+    Most of what a rig file does not know of its poses it does not know of its lenses: a principal point trades with a
+    rotation. Poses solved later with the same lenses repeat that error, so it is no part of their difference.
+    """
+    entry = document.covariance
+    return _poses(document, entry.given_lenses) if entry and entry.given_lenses is not None else None
+
+
+def _poses(document: RigDocument, matrix: Sequence[Sequence[float]]) -> RelativePoses:
     ids = document.camera_ids
     covariance = np.zeros((POSE * len(ids),) * 2)
-    if document.covariance is not None and document.covariance.order:
+    if document.covariance is not None and len(matrix):
         named = [name.rpartition(".")[0] for name in document.covariance.order[::2]]
         rows = [POSE * ids.index(camera) + i for camera in named for i in range(POSE)]
-        covariance[np.ix_(rows, rows)] = document.covariance.matrix
+        covariance[np.ix_(rows, rows)] = matrix
     return RelativePoses(ids, tuple(camera.cam_from_rig.pose for camera in document.cameras), covariance)
 
 
-def covariance_entry(poses: RelativePoses, reference: str) -> CovarianceEntry | None:
-    """The rig file's entry for poses seen from its reference camera; None for a rig of one camera."""
-    free = [camera_id for camera_id in poses.ids if camera_id != reference]
-    if not free:
+def covariance_entry(ids: Sequence[str], covariance: Floats, given_lenses: Floats | None) -> CovarianceEntry | None:
+    """The rig file's entry for the cameras beside the reference; None where there are none.
+
+    Args:
+        ids: Cameras in rig order, without the reference.
+        covariance: (6n, 6n) of their poses.
+        given_lenses: (6n, 6n) of their poses if the lenses are exact, where it is known.
+    """
+    if not ids:
         return None
-    matrix = poses.of(free).covariance
-    symmetric = (matrix + matrix.T) / 2
     return CovarianceEntry(
-        order=tuple(f"{camera_id}.{part}" for camera_id in free for part in ("rotation_rad", "translation_m")),
-        matrix=tuple(tuple(row) for row in symmetric.tolist()),
+        order=tuple(f"{camera_id}.{part}" for camera_id in ids for part in ("rotation_rad", "translation_m")),
+        matrix=_symmetric(covariance),
+        given_lenses=None if given_lenses is None else _symmetric(given_lenses),
     )
+
+
+def solved_covariance_entry(covariance: RigCovariance, ids: Sequence[str]) -> CovarianceEntry | None:
+    """The rig file's entry for a solved rig: of the poses, and of the poses if the lenses are exact."""
+    poses = [(camera, unknown) for camera, unknown in covariance.index if camera < len(ids) and unknown < POSE]
+    lenses = [key for key in covariance.index if key not in poses]  # and the board's bow
+    joint, n = covariance.of([*poses, *lenses]), len(poses)
+    by_lenses = times_inverse(joint[:n, n:], joint[n:, n:]) @ joint[n:, :n]
+    free = [ids[camera] for camera, unknown in poses if unknown == 0]
+    return covariance_entry(free, joint[:n, :n], joint[:n, :n] - by_lenses)
+
+
+def _symmetric(matrix: Floats) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in ((matrix + matrix.T) / 2).tolist())
 
 
 def perturbation(new: Pose, old: Pose) -> Floats:
@@ -105,12 +137,8 @@ def perturbed(pose: Pose, by: Floats) -> Pose:
     return pose.perturbed(by[:3], by[3:])
 
 
-def centre_by_pose(cam_from_frame: Pose) -> Floats:
-    """(3, 6) derivative of a camera's centre in the frame by a left perturbation of its pose."""
-    turned = cam_from_frame.rotation.T
-    return np.hstack([-turned @ cross_matrix(cam_from_frame.translation_m), -turned])
-
-
-def cross_matrix(v: Floats) -> Floats:
-    """(3, 3) matrix of the cross product with ``v`` (3,)."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+def times_inverse(matrix: Floats, symmetric: Floats) -> Floats:
+    """``matrix @ symmetric^-1``, scaled first since units differ; a direction without variance has no weight."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(symmetric), np.finfo(np.float64).tiny))
+    inverse = np.linalg.pinv(symmetric * scale[:, None] * scale, rcond=1e-12, hermitian=True)
+    return np.asarray(((matrix * scale) @ inverse) * scale)

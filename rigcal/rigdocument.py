@@ -11,7 +11,17 @@ from datetime import datetime, timedelta
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    JsonValue,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from rigcal.board import Board, board_from_dict
@@ -239,6 +249,13 @@ class CovarianceEntry(_Entry):
     """``CAMERA.rotation_rad`` then ``CAMERA.translation_m`` for each camera: three rows and columns each."""
     matrix: tuple[tuple[Number, ...], ...]
     """Square and symmetric; rad^2, rad m and m^2."""
+    given_lenses: tuple[tuple[Number, ...], ...] | None = None
+    """The same if the lenses were known exactly: what poses solved later with these lenses are compared by. Left out
+    where it is not known."""
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_not_known(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in write(self).items() if name != "given_lenses" or value is not None}
 
     @model_validator(mode="after")
     def _well_formed(self) -> CovarianceEntry:
@@ -246,17 +263,22 @@ class CovarianceEntry(_Entry):
         pattern = [f"{camera_id}.{part}" for camera_id in ids for part in ("rotation_rad", "translation_m")]
         if list(self.order) != pattern or len(set(ids)) != len(ids):
             raise refusal("CAMERA.rotation_rad, CAMERA.translation_m for each camera", ", ".join(self.order), ".order")
+        self._check_matrix(self.matrix, ".matrix")
+        if self.given_lenses is not None:
+            self._check_matrix(self.given_lenses, ".given_lenses")
+        return self
+
+    def _check_matrix(self, matrix: tuple[tuple[float, ...], ...], entry: str) -> None:
         rows = ROWS_PER_COVARIANCE_ENTRY * len(self.order)
-        if {len(row) for row in self.matrix} - {rows} or len(self.matrix) != rows:
-            got = f"{len(self.matrix)} rows of {sorted({len(row) for row in self.matrix})}"
-            raise refusal(f"{rows} rows of {rows} values, 6 per camera", got, ".matrix")
-        values = np.reshape(np.array(self.matrix, dtype=np.float64), (rows, rows))
+        if {len(row) for row in matrix} - {rows} or len(matrix) != rows:
+            got = f"{len(matrix)} rows of {sorted({len(row) for row in matrix})}"
+            raise refusal(f"{rows} rows of {rows} values, 6 per camera", got, entry)
+        values = np.reshape(np.array(matrix, dtype=np.float64), (rows, rows))
         sigma = np.sqrt(np.maximum(np.diag(values), 0))
         asymmetry = np.abs(values - values.T)
         if (asymmetry > CORRELATION_TOLERANCE * np.outer(sigma, sigma)).any() or (np.diag(values) < 0).any():
             got = f"a diagonal from {np.diag(values).min():.3g}, entries that differ by {asymmetry.max():.3g}"
-            raise refusal("a symmetric matrix with a diagonal of 0 or more", got, ".matrix")
-        return self
+            raise refusal("a symmetric matrix with a diagonal of 0 or more", got, entry)
 
 
 class GateEntry(_Entry):

@@ -10,11 +10,11 @@ import sys
 
 import typer
 
-from rigcal.cli import calibrate, files
+from rigcal.cli import calibrate, doctor, drift, files, target, world
 from rigcal.cli._app import app, print_json
 from rigcal.errors import RigcalError
 
-__all__ = ["app", "calibrate", "files", "main"]
+__all__ = ["app", "calibrate", "doctor", "drift", "files", "main", "target", "world"]
 
 
 def main() -> None:

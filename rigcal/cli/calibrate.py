@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,9 +31,32 @@ from rigcal.errors import writing
 if TYPE_CHECKING:
     from rigcal.detections import SiteDetections
     from rigcal.intrinsics import IntrinsicsResult
-    from rigcal.pipeline import CalibrateOptions
+    from rigcal.pipeline import CalibrateOptions, Known
     from rigcal.rigdocument import RigDocument
     from rigcal.site import Site
+
+
+DistanceOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="CAM,CAM:LENGTH",
+        help="Tape between two cameras' lenses, such as cam0,cam1:2.41m: checks the scale. May be repeated.",
+    ),
+]
+SquareOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LENGTH", help="Side of a square (or tag) as measured on the printed board, such as 59.6mm: a check."
+    ),
+]
+
+
+@dataclass(frozen=True, slots=True)
+class _Lengths:
+    """Lengths as they stand on the command line."""
+
+    distances: tuple[str, ...]
+    square: str | None
 
 
 @app.command()
@@ -46,6 +70,8 @@ def calibrate(
         typer.Option(metavar="CAPTURE|FILE", help="Lenses from another capture, a lens file or a rig file."),
     ] = None,
     model: ModelOption = "auto",
+    distance: DistanceOption = None,
+    measured_square: SquareOption = None,
     cache: CacheOption = True,
     as_json: JsonOption = False,
 ) -> None:
@@ -53,7 +79,8 @@ def calibrate(
 
     Exit code 0: PASS; 1: RECAPTURE, the file is still written; 2: bad input.
     """
-    document = _calibrate("calibrate", capture, output, board, site, intrinsics, model, cache)
+    lengths = _Lengths(tuple(distance or ()), measured_square)
+    document = _calibrate("calibrate", capture, output, board, site, intrinsics, model, lengths, cache)
     finish(document, output, as_json)
 
 
@@ -66,11 +93,14 @@ def extrinsics(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT.rig.json", help="The rig file to write.")],
     board: BoardOption = None,
     site: SiteOption = None,
+    distance: DistanceOption = None,
+    measured_square: SquareOption = None,
     cache: CacheOption = True,
     as_json: JsonOption = False,
 ) -> None:
     """Place cameras whose lenses are known: calibrate with --intrinsics."""
-    document = _calibrate("extrinsics", capture, output, board, site, intrinsics, "auto", cache)
+    lengths = _Lengths(tuple(distance or ()), measured_square)
+    document = _calibrate("extrinsics", capture, output, board, site, intrinsics, "auto", lengths, cache)
     finish(document, output, as_json)
 
 
@@ -114,32 +144,57 @@ def _calibrate(
     site_path: Path | None,
     intrinsics_path: Path | None,
     model: str,
+    lengths: _Lengths,
     cache: bool,
 ) -> RigDocument:
+    from rigcal.captures import open_capture
     from rigcal.evidence import SUFFIX, beside, write_evidence
+    from rigcal.measured import require_cameras
     from rigcal.outcome import document_of, evidence_of
+    from rigcal.pictures import with_pictures, worst_views
     from rigcal.pipeline import calibrate_site
     from rigcal.rigfile import write_rigfile
     from rigcal.site import GateLimits
 
     site = site_of(site_path)
+    known = _known(site, lengths)
     options = _options(model, lenses_free=intrinsics_path is None)
     detections = find_boards(capture, board_of(board, site), site, cache)
+    require_cameras(known.distances, detections.camera_ids)
     lenses = _lenses(detections, site, intrinsics_path, options, cache)
-    result = calibrate_site(detections, site.gates if site else GateLimits(), lenses, options)
+    result = calibrate_site(detections, site.gates if site else GateLimits(), lenses, options, known=known)
     document = document_of(
         result,
         site=site,
         site_name=site.site if site else capture.resolve().name,
         created_utc=now_utc(),
         command=command,
-        options={"board": detections.board.spec, "model": model, "intrinsics_given": intrinsics_path is not None},
+        options={
+            "board": detections.board.spec,
+            "model": model,
+            "intrinsics_given": intrinsics_path is not None,
+            "distances": [distance.spec for distance in known.distances],
+            "measured_square": known.square.text if known.square else None,
+        },
     )
     with writing(output):
-        write_evidence(evidence_of(result), beside(output, SUFFIX))
+        evidence = evidence_of(result)
+        evidence = with_pictures(evidence, open_capture(capture), worst_views(evidence))
+        write_evidence(evidence, beside(output, SUFFIX))
         document = write_rigfile(document, output)
         write_report(document, output, beside(output, ".report.html"))
     return document
+
+
+def _known(site: Site | None, lengths: _Lengths) -> Known:
+    from rigcal.measured import parse_distance, parse_measured_length
+    from rigcal.pipeline import Known
+
+    return Known(
+        (*(site.measured_distances if site else ()), *(parse_distance(text) for text in lengths.distances)),
+        parse_measured_length(lengths.square, "--measured-square") if lengths.square is not None else None,
+        site.sisters if site else (),
+    )
 
 
 def _lenses(
@@ -152,7 +207,9 @@ def _lenses(
         return calibrate_lenses(detections, site, options)
     if given.is_dir():
         lenses = calibrate_lenses(find_boards(given, detections.board, site, cache), site, options)
-        known: Mapping[str, KnownLens] = {lens.camera_id: KnownLens(lens.camera, lens.rmse_px) for lens in lenses}
+        known: Mapping[str, KnownLens] = {
+            lens.camera_id: KnownLens(lens.camera, lens.rmse_px, lens.covariance) for lens in lenses
+        }
     else:
         known = read_lenses(given)
     return hold_lenses(detections, known, options)

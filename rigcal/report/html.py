@@ -1,7 +1,13 @@
-"""The calibration report as one HTML page: no script, nothing loaded from elsewhere, the same bytes for one rig."""
+"""The calibration report as one HTML page: nothing loaded from elsewhere, the same bytes for one rig.
+
+Everything is there without its one script, which turns the picture in 3D; the page's policy allows that script alone.
+"""
 
 from __future__ import annotations
 
+import base64
+import hashlib
+from dataclasses import dataclass
 from functools import cache
 from itertools import groupby
 from pathlib import Path
@@ -13,14 +19,39 @@ from rigcal.camera import FOCAL_AND_CENTRE, MODELS
 from rigcal.errors import EvidenceError
 from rigcal.evidence import Evidence
 from rigcal.report import numbers, words
-from rigcal.report.plan import horizontal_fov_deg, plan_of
+from rigcal.report.coverage import Coverage, coverage_of
+from rigcal.report.overlap import overlap_graph
+from rigcal.report.paper import beside_paper
+from rigcal.report.pictures import picture_figures
+from rigcal.report.plan import plan_of
+from rigcal.report.rays import horizontal_fov_deg
 from rigcal.report.residuals import ResidualFigure, residual_figure
-from rigcal.rigdocument import GateEntry, RigDocument
+from rigcal.report.scene import scene_of
+from rigcal.report.spreads import WANTED_TILT_DEG, Histogram, histograms_of
+from rigcal.rigdocument import CameraEntry, GateEntry, RigDocument
 from rigcal.rigfile import readable_json, rig_of
 
 RMSE_TOLERANCE = 0.01
 """Share by which the residuals' RMSE may differ from the rig file's before the page says that they do not belong to it;
 measured within 1e-13 for those that do."""
+SCENE_POINTS = {"scene_sigma_m": "a point at the scene's centre"}
+"""Gates on the sigma of a point that the rig triangulates, and where that point lies."""
+FEW_CAMERAS = 6
+"""Cameras whose table of pairs has room beside the graph."""
+FINDINGS_SHOWN = 6
+"""Findings of a camera that are unfolded."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPage:
+    """What the page says of one camera."""
+
+    camera: CameraEntry
+    residuals: ResidualFigure | None = None
+    coverage: Coverage | None = None
+    spreads: tuple[Histogram, ...] = ()
+    problem: str = ""
+    """What is wrong with its residuals in words; empty: nothing."""
 
 
 def html_report(document: RigDocument, evidence: Evidence | None, *, title: str | None = None) -> str:
@@ -49,16 +80,22 @@ def html_report(document: RigDocument, evidence: Evidence | None, *, title: str 
         failed_cells={(gate.name, gate.camera) for gate in words.failed_gates(document)},
         failed=_by_name(words.failed_gates(document)),
         passed=_by_name(tuple(gate for gate in document.gates if gate.passed)),
-        residuals=_residuals(document, evidence),
         has_evidence=evidence is not None,
+        has_positions=evidence is not None and len(evidence.board_idx) > 0,
         plan=plan_of(document, evidence),
+        scene=scene_of(document, evidence),
+        graph=overlap_graph(document),
+        camera_pages=tuple(_camera_page(camera, document, evidence) for camera in document.cameras),
+        pictures=picture_figures(document, evidence) if evidence else (),
+        paper_rows=beside_paper(document),
+        scene_sigmas=_scene_sigmas(document),
+        pairs={frozenset(pair.cameras): pair for pair in document.pairs},
         centres=centres,
         distances={camera_id: float(np.linalg.norm(centre)) for camera_id, centre in centres.items()},
         fields_of_view={camera.id: horizontal_fov_deg(camera.camera) for camera in rig.cameras},
         links=words.chain_links(document),
         instants=words.instants_sentence(document),
         held=words.held_sentence(document),
-        findings=sum(len(camera.views.findings) for camera in document.cameras),
     )
 
 
@@ -76,6 +113,7 @@ def _template() -> Template:
         "scaled": numbers.scaled,
         "signed": numbers.signed,
         "short_digest": words.short_digest,
+        "drawn": words.drawn,
         "gate_value": words.gate_value,
         "gate_limit": words.gate_limit,
         "gate_meaning": words.gate_meaning,
@@ -86,11 +124,21 @@ def _template() -> Template:
         "counted": words.counted,
         "with_sigma": numbers.with_sigma,
         "frozenset": frozenset,
+        "few_cameras": FEW_CAMERAS,
+        "findings_shown": FINDINGS_SHOWN,
+        "wanted_tilt": "{:g} to {:g}°".format(*WANTED_TILT_DEG),
+        "script": _script(),
+        "script_digest": "sha256-" + base64.b64encode(hashlib.sha256(_script().encode()).digest()).decode("ascii"),
         "rmse_meanings": words.RMSE_MEANINGS,
         "focal_and_centre": FOCAL_AND_CENTRE,
         "distortion_names": {model: names[len(FOCAL_AND_CENTRE) :] for model, names in MODELS.items()},
     }
     return environment.get_template("report.html.j2")
+
+
+@cache
+def _script() -> str:
+    return (Path(__file__).parent / "turn.js").read_text(encoding="utf-8")
 
 
 def _by_name(gates: tuple[GateEntry, ...]) -> list[tuple[str, list[GateEntry]]]:
@@ -111,22 +159,30 @@ def _facts(document: RigDocument) -> list[tuple[str, str, str]]:
     if len(positions) > 1:
         worst, camera_id = max(positions)
         facts.append(("least certain position", f"± {numbers.scaled(worst, 1e3, 1)} mm", f"{camera_id}, one sigma"))
-    scene = next((gate.value for gate in document.gates if gate.name == "scene_sigma_m"), None)
-    if scene is not None:
-        facts.append(("a point in the scene", f"± {numbers.scaled(scene, 1e3, 1)} mm", "one sigma"))
+    for what, sigma_m in _scene_sigmas(document):
+        facts.append((what, f"± {numbers.scaled(sigma_m, 1e3, 1)} mm", "one sigma"))
     return facts
 
 
-def _residuals(document: RigDocument, evidence: Evidence | None) -> list[tuple[str, ResidualFigure | None, str]]:
-    """Per camera its figure, and what is wrong with it in words (empty: nothing)."""
-    if evidence is None:
-        return []
-    found = []
-    for camera in document.cameras:
-        figure = residual_figure(camera, evidence)
-        problem = _contradiction(camera.rmse_px.refined, figure.rmse_px) if figure else ""
-        found.append((camera.id, figure, problem))
-    return found
+def _scene_sigmas(document: RigDocument) -> list[tuple[str, float]]:
+    """What a sigma of a 3D point is of, and the sigma in metres."""
+    return [
+        (SCENE_POINTS[gate.name], gate.value)
+        for gate in document.gates
+        if gate.name in SCENE_POINTS and gate.value is not None
+    ]
+
+
+def _camera_page(camera: CameraEntry, document: RigDocument, evidence: Evidence | None) -> CameraPage:
+    if evidence is None or not (figure := residual_figure(camera, evidence)):
+        return CameraPage(camera)
+    return CameraPage(
+        camera,
+        figure,
+        coverage_of(camera, evidence),
+        histograms_of(camera, document.calibration_board, evidence),
+        _contradiction(camera.rmse_px.refined, figure.rmse_px),
+    )
 
 
 def _contradiction(stated_px: float | None, measured_px: float | None) -> str:

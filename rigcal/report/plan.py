@@ -5,18 +5,17 @@ Only numbers and SVG path data come from here; ``figures.svg.j2`` draws them.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from rigcal.evidence import Evidence
 from rigcal.geometry import Floats
-from rigcal.report.numbers import fixed, round_down
+from rigcal.report.numbers import round_down
 from rigcal.report.rays import middle_row_rays
-from rigcal.report.svgpath import dots, polygon
+from rigcal.report.svgpath import dots, lines, polygon
 from rigcal.report.upright import Upright, greatest_sigma_m, position_covariances, upright_frame
-from rigcal.report.words import chain_links, counted, shortened
+from rigcal.report.words import chain_ends, shortened
 from rigcal.rig import RigCamera
 from rigcal.rigdocument import RigDocument
 from rigcal.rigfile import rig_of
@@ -29,8 +28,6 @@ WEDGE_SHARE = 0.22
 """Length of a viewing wedge over the greater extent of the cameras and boards."""
 ELLIPSE_UNITS = 26.0
 """Greatest half axis of a position ellipse, which sets its magnification."""
-LABELLED_UNITS = 96.0
-"""Length of a line below which its label would cover the cameras at its ends."""
 LABEL_UNITS = 13.0
 """Distance of a camera's label from its dot."""
 
@@ -54,27 +51,6 @@ class PlanCamera:
 
 
 @dataclass(frozen=True, slots=True)
-class PlanEdge:
-    """A pair of cameras that saw the board together."""
-
-    start: tuple[float, float]
-    end: tuple[float, float]
-    on_chain: bool
-    views: str
-    rmse: str
-
-    @property
-    def labelled(self) -> bool:
-        """Whether its figures have room in the drawing."""
-        return self.on_chain and math.dist(self.start, self.end) >= LABELLED_UNITS
-
-    @property
-    def middle(self) -> tuple[float, float]:
-        """Where its label stands."""
-        return (self.start[0] + self.end[0]) / 2, (self.start[1] + self.end[1]) / 2
-
-
-@dataclass(frozen=True, slots=True)
 class Plan:
     """The rig seen from above, ready to be drawn."""
 
@@ -83,7 +59,8 @@ class Plan:
     above: str
     """What "above" means here, in words."""
     cameras: tuple[PlanCamera, ...]
-    edges: tuple[PlanEdge, ...]
+    chain: str
+    """Lines between neighbours on a chain to the reference."""
     boards: str
     """Dots at the boards' centres; empty where they are not known."""
     board_count: int
@@ -135,12 +112,14 @@ def plan_of(document: RigDocument, evidence: Evidence | None) -> Plan:
     centres = upright(np.array([camera.cam_from_rig.inverse().translation_m for camera in rig.cameras]))[:, :2]
     extent_m = float(np.ptp(np.concatenate([centres, boards]), axis=0).max()) or 1.0
     wedges = [_wedge(camera, upright, WEDGE_SHARE * extent_m) for camera in rig.cameras]
-    page = _page(np.concatenate([centres, boards, *wedges]), max(len(shortened(camera_id)) for camera_id in rig.camera_ids))
+    label_characters = max(len(shortened(camera_id)) for camera_id in rig.camera_ids)
+    page = _page(np.concatenate([centres, boards, *wedges]), label_characters)
     covariances = {name: c[:2, :2] for name, c in position_covariances(document, upright).items()}
     greatest_m = greatest_sigma_m(covariances)
     magnification = round_down(ELLIPSE_UNITS / page.scale / greatest_m) if greatest_m > 0 else None
     units_per_m = (magnification or 1.0) * page.scale
     at, bar_m = page(centres), round_down(WIDTH / 4 / page.scale)
+    starts, ends = chain_ends(document)
     origin = page(np.zeros(2)) if rig.world_from_rig and page.shows(np.zeros(2)) else None
     return Plan(
         width=page.size[0],
@@ -150,7 +129,7 @@ def plan_of(document: RigDocument, evidence: Evidence | None) -> Plan:
             _plan_camera(camera.id, at[i], page(wedges[i]), covariances.get(camera.id), units_per_m)
             for i, camera in enumerate(rig.cameras)
         ),
-        edges=_edges(document, at),
+        chain=lines(at[starts], at[ends] - at[starts]),
         boards=dots(page(boards)),
         board_count=len(boards),
         bar_m=bar_m,
@@ -179,19 +158,3 @@ def _plan_camera(
         ellipse = (float(major), float(minor), float(np.rad2deg(np.arctan2(-vectors[1, 1], vectors[0, 1]))))
     x, y, label_x, label_y = (float(v) for v in (*at, *(at + LABEL_UNITS * away)))
     return PlanCamera(shortened(camera_id), x, y, label_x, label_y, anchor, polygon(wedge), ellipse)
-
-
-def _edges(document: RigDocument, at: Floats) -> tuple[PlanEdge, ...]:
-    places = {camera_id: (float(x), float(y)) for camera_id, (x, y) in zip(document.camera_ids, at, strict=True)}
-    links = chain_links(document)
-    edges = [
-        PlanEdge(
-            places[pair.cameras[0]],
-            places[pair.cameras[1]],
-            frozenset(pair.cameras) in links,
-            counted(pair.views, "view"),
-            fixed(pair.rmse_px) + " px",
-        )
-        for pair in document.pairs
-    ]
-    return tuple(sorted(edges, key=lambda edge: edge.on_chain))

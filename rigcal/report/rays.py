@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from rigcal.camera import Camera
@@ -33,7 +35,7 @@ def border_rays(camera: Camera) -> Floats:
     """(4 n, 3) unit rays in the camera frame of pixels around the image; every n-th is that of a corner."""
     along = np.linspace(0, 1, SIDE_SAMPLES)[:-1, None]
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
-    sides = [one + along * (two - one) for one, two in zip(corners, corners[1:], strict=False)]
+    sides = [one + along * (two - one) for one, two in pairwise(corners)]
     return _rays(camera, np.concatenate(sides) * camera.size_wh - 0.5)
 
 

@@ -18,12 +18,12 @@ from rigcal.report.numbers import round_down, round_up
 from rigcal.report.svgpath import crosses, dots, lines
 from rigcal.rigdocument import CameraEntry
 
-SHOWN_CORNERS = 1500
+SHOWN_CORNERS = 1000
 """Used corners drawn per camera; beyond this a figure of 650 px gains ink and no information."""
-SHOWN_REJECTED = 500
+SHOWN_REJECTED = 300
 """Rejected corners drawn per camera."""
 IMAGE_UNITS = 1000.0
-"""Width of the image plane in the figure's units."""
+"""Longer side of the image plane in the figure's units."""
 LONG_LINE_UNITS = 45.0
 """Length that 95 of 100 residual lines stay below: about the distance of corners in a view that fills the image."""
 CLOUD_UNITS = 100.0
@@ -52,9 +52,9 @@ class ResidualFigure:
     """One camera's residuals, ready to be drawn."""
 
     camera_id: str
-    size_wh: tuple[int, int]
+    width: float
     height: float
-    """Height of the image plane in units; its width is :data:`IMAGE_UNITS`."""
+    """Of the image plane in units; the longer one is :data:`IMAGE_UNITS`."""
     used: int
     """Corners that the joint solve used."""
     rejected: int
@@ -90,7 +90,7 @@ def residual_figure(camera: CameraEntry, evidence: Evidence) -> ResidualFigure |
         return None
     pixels, residuals, used = evidence.pixels[mine], evidence.residuals_px[mine], evidence.used[mine]
     judged = residuals[used] if used.any() else residuals
-    unit_px = camera.size_wh[0] / IMAGE_UNITS
+    unit_px = max(camera.size_wh) / IMAGE_UNITS
     lengths_px = np.linalg.norm(judged, axis=1)
     magnification = round_down(LONG_LINE_UNITS * unit_px / max(float(np.percentile(lengths_px, 95)), 1e-9))
     key_px = round_up(2 * LONG_LINE_UNITS * unit_px / magnification / 2.5)
@@ -102,7 +102,7 @@ def residual_figure(camera: CameraEntry, evidence: Evidence) -> ResidualFigure |
     cut = REJECTED_LINE_UNITS / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), REJECTED_LINE_UNITS)
     return ResidualFigure(
         camera_id=camera.id,
-        size_wh=camera.size_wh,
+        width=camera.size_wh[0] / unit_px,
         height=camera.size_wh[1] / unit_px,
         used=int(used.sum()),
         rejected=int((~used).sum()),

@@ -26,7 +26,12 @@ def lines(starts: Floats, steps: Floats) -> str:
 
 def polygon(points: Floats) -> str:
     """The closed outline through the points (N, 2)."""
-    return "M" + "L".join(f"{short(x)} {short(y)}" for x, y in points.tolist()) + "z"
+    return polyline(points) + "z"
+
+
+def polyline(points: Floats) -> str:
+    """The line through the points (N, 2)."""
+    return "M" + "L".join(f"{short(x)} {short(y)}" for x, y in points.tolist())
 
 
 def short(value: float) -> str:

@@ -11,12 +11,10 @@ from rich.table import Table
 from rich.text import Text
 
 from rigcal.report.numbers import ABSENT, fixed, scaled
+from rigcal.report.overlap import weakest_link
 from rigcal.report.words import (
     RMSE_MEANINGS,
-    failed_gates,
     findings_counts,
-    gate_limit,
-    gate_value,
     held_sentence,
     instants_sentence,
     next_actions,
@@ -24,13 +22,11 @@ from rigcal.report.words import (
     short_digest,
     verdict_sentence,
 )
-from rigcal.rigdocument import CameraEntry, RigDocument, ViewsEntry
+from rigcal.rigdocument import CameraEntry, PairEntry, RigDocument, ViewsEntry
 
 FINDINGS_SHOWN = 3
 """Views named per camera; a bad capture has hundreds."""
 ALL_FINDINGS = "in the HTML report, and in the rig file under cameras[].views.findings"
-CHAIN_WIDTH = 27
-"""Characters of the chain's column: what is left of 80 beside the other columns and a camera id of 8."""
 _STYLES = {"PASS": "bold green", "RECAPTURE": "bold red", "IMPORTED": "bold yellow"}
 
 
@@ -49,24 +45,20 @@ def _parts(document: RigDocument, file_name: str | None) -> Iterator[RenderableT
     first.append(document.verdict, style=_STYLES[document.verdict])
     first.append(f" {plain(document.site)}: {plain(verdict_sentence(document))}")
     yield first
-    yield Text(_origin(document, file_name))
     if actions := next_actions(document):
         yield heading("Next actions")
-        yield numbered([f"{plain(action.advice)} ({plain(action.named_gates)})" for action in actions])
+        yield numbered(["\n".join(map(plain, [action.advice, *action.reasons])) for action in actions])
     yield from _cameras(document)
-    if document.pairs:
-        yield from _pairs(document)
     for sentence in (instants_sentence(document), held_sentence(document)):
         if sentence:
             yield Text(f"\n{plain(sentence)}")
     yield from findings_parts([(camera.id, camera.views) for camera in document.cameras], ALL_FINDINGS)
     if any(camera.clock for camera in document.cameras):
         yield from _clocks(document)
-    if failed_gates(document):
-        yield from _failed(document)
     if points := open_points(document):
         yield heading("Not known yet")
         yield from (Padding(Text(f"- {plain(point)}"), (0, 0, 0, 2)) for point in points)
+    yield Text(f"\n{_origin(document, file_name)}", style="dim")
 
 
 def plain(text: str) -> str:
@@ -81,7 +73,7 @@ def heading(text: str) -> Text:
 
 def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, left: Sequence[int] = (0,)) -> Table:
     """A table of text; columns that are not in ``left`` are aligned to the right."""
-    grid = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), show_edge=False)
+    grid = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 0, 0, 1), show_edge=False)
     for index, name in enumerate(columns):
         is_text = index in left
         grid.add_column(Text(name), justify="left" if is_text else "right", overflow="fold", no_wrap=not is_text)
@@ -120,15 +112,16 @@ def _cameras(document: RigDocument) -> Iterator[RenderableType]:
         ["camera", *(name.replace("_", "-") for name in names)],
         [[plain(camera.id), *(fixed(getattr(camera.rmse_px, name)) for name in names)] for camera in document.cameras],
     )
-    yield heading("Views (used/detected/frames), one sigma, chain")
+    yield heading("Views (used/found/images), one sigma, the link to the camera before on the chain")
+    weakest = weakest_link(document)
     yield table(
-        ["camera", "views", "fx, px", "fy, px", "position, mm", "chain"],
-        [_camera_row(camera) for camera in document.cameras],
+        ["camera", "views", "fx, px", "fy, px", "position, mm", "shared views with"],
+        [_camera_row(camera, document, weakest) for camera in document.cameras],
         left=(0, 5),
     )
 
 
-def _camera_row(camera: CameraEntry) -> list[str]:
+def _camera_row(camera: CameraEntry, document: RigDocument, weakest: PairEntry | None) -> list[str]:
     views, sigma = camera.views, camera.sigma
     return [
         plain(camera.id),
@@ -136,25 +129,17 @@ def _camera_row(camera: CameraEntry) -> list[str]:
         fixed(sigma.fx_px if sigma else None),
         fixed(sigma.fy_px if sigma else None),
         scaled(sigma.position_m if sigma else None, 1e3, 1),
-        plain_chain(camera.chain),
+        _link(camera, document, weakest),
     ]
 
 
-def plain_chain(chain: Sequence[str], width: int = CHAIN_WIDTH) -> str:
-    """``cam0>cam1>cam2``, with new lines only between cameras."""
-    lines = [""]
-    for index, camera_id in enumerate(chain):
-        part = plain(camera_id) + (">" if index + 1 < len(chain) else "")
-        if lines[-1] and len(lines[-1]) + len(part) > width:
-            lines.append("")
-        lines[-1] += part
-    return "\n".join(lines)
-
-
-def _pairs(document: RigDocument) -> Iterator[RenderableType]:
-    yield heading("Pairs that saw the board together")
-    rows = [[plain(">".join(pair.cameras)), str(pair.views), fixed(pair.rmse_px)] for pair in document.pairs]
-    yield table(["cameras", "views", "RMSE, px"], rows)
+def _link(camera: CameraEntry, document: RigDocument, weakest: PairEntry | None) -> str:
+    """``cam1: 38``; only the other camera where the file does not say how many views they share."""
+    if len(camera.chain) == 1:
+        return ABSENT
+    pair = next((pair for pair in document.pairs if set(pair.cameras) == set(camera.chain[-2:])), None)
+    views = f": {pair.views}{', weakest' if pair is weakest else ''}" if pair else ""
+    return plain(camera.chain[-2]) + views
 
 
 def findings_parts(cameras: Sequence[tuple[str, ViewsEntry]], where: str) -> Iterator[RenderableType]:
@@ -187,12 +172,3 @@ def _clocks(document: RigDocument) -> Iterator[RenderableType]:
         if (clock := camera.clock)
     ]
     yield table(["camera", "offset, ms", "drift, ppm", "method", "at"], rows, left=(0, 3, 4))
-
-
-def _failed(document: RigDocument) -> Iterator[RenderableType]:
-    yield heading("Failed gates")
-    rows = [
-        [gate.name, plain(gate.camera or "the rig"), gate_value(gate), gate_limit(gate)]
-        for gate in failed_gates(document)
-    ]
-    yield table(["gate", "camera", "value", "limit"], rows, left=(0, 1))

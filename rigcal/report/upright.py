@@ -30,6 +30,7 @@ class Upright:
     """What "from above" means here, in words."""
 
     def __call__(self, points_in_rig: Floats) -> Floats:
+        """Points (..., 3) of the rig frame in the upright frame, in metres."""
         return np.asarray(points_in_rig @ self.rows.T + self.offset_m)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rigcal.report.numbers import beside_limit, fixed, significant
@@ -47,21 +49,24 @@ class Action:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Each failed gate with its camera, value and limit."""
-        return tuple(gate_sentence(gate) for gate in self.gates)
-
-    @property
-    def named_gates(self) -> str:
-        """``position_sigma_m of cam2, cam3; split_half of the rig``."""
-        cameras: dict[str, list[str]] = {}
+        """Per gate its cameras with their values, and the limit: ``views (at least 10): cam2 4, cam3 7``."""
+        named: dict[str, list[GateEntry]] = {}
         for gate in self.gates:
-            cameras.setdefault(gate.name, []).append(gate.camera or "the rig")
-        return "; ".join(f"{name} of {', '.join(named)}" for name, named in cameras.items())
+            named.setdefault(f"{gate.name} ({gate_limit(gate)})", []).append(gate)
+        return tuple(
+            f"{name}: " + ", ".join(f"{gate.camera or 'the rig'} {gate_value(gate)}" for gate in gates)
+            for name, gates in named.items()
+        )
 
 
 def counted(count: int, noun: str, plural: str | None = None) -> str:
     """``1 camera``, ``4 cameras``; ``plural`` where it is not the noun with an s."""
     return f"{count} {noun if count == 1 else plural or noun + 's'}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """``cam0``, ``cam0 and cam1``, ``cam0, cam1 and cam2``."""
+    return " and ".join(part for part in (", ".join(names[:-1]), *names[-1:]) if part)
 
 
 def shortened(camera_id: str) -> str:
@@ -94,11 +99,6 @@ def gate_limit(gate: GateEntry) -> str:
     return " ".join(part for part in (meaning.bound, significant(gate.limit, 6), meaning.unit) if part)
 
 
-def gate_sentence(gate: GateEntry) -> str:
-    """``cam2: image_coverage 0.12, at least 0.25``."""
-    return f"{gate.camera or 'the rig'}: {gate.name} {gate_value(gate)}, {gate_limit(gate)}"
-
-
 def failed_gates(document: RigDocument) -> tuple[GateEntry, ...]:
     """Gates that did not pass, in the file's order."""
     return tuple(gate for gate in document.gates if not gate.passed)
@@ -119,11 +119,41 @@ def verdict_sentence(document: RigDocument) -> str:
 
 
 def next_actions(document: RigDocument) -> tuple[Action, ...]:
-    """The advice of the failed gates, each once, in the order of the gates."""
-    grouped: dict[str, list[GateEntry]] = {}
+    """The advice of the failed gates, in the order of the gates.
+
+    Each is said once; advice that differs by the gate's own camera alone is said once for all these cameras.
+    """
+    groups: list[list[GateEntry]] = []
+    known: dict[str, list[GateEntry]] = {}
     for gate in failed_gates(document):
-        grouped.setdefault(gate.advice or f"see the gate {gate.name}; the file holds no advice for it", []).append(gate)
-    return tuple(Action(advice, tuple(gates)) for advice, gates in grouped.items())
+        group = known.get(_advice(gate)) or known.get(_without_camera(gate))
+        if group is None:
+            groups.append(group := [])
+        group.append(gate)
+        known[_advice(gate)] = known[_without_camera(gate)] = group
+    return tuple(Action(_said_for_all(group), tuple(group)) for group in groups)
+
+
+def _advice(gate: GateEntry) -> str:
+    return gate.advice or f"see the gate {gate.name}; the file holds no advice for it"
+
+
+def _without_camera(gate: GateEntry) -> str:
+    """The advice with its camera's name taken out; the same for gates that ask for the same."""
+    return _of_cameras(gate, "\0")
+
+
+def _said_for_all(gates: Sequence[GateEntry]) -> str:
+    first = gates[0]
+    alike = [gate.camera for gate in gates if gate.camera and _without_camera(gate) == _without_camera(first)]
+    return _of_cameras(first, listed(tuple(dict.fromkeys(alike))))
+
+
+def _of_cameras(gate: GateEntry, names: str) -> str:
+    """The advice with other names in the place of its camera's."""
+    if gate.camera is None:
+        return _advice(gate)
+    return re.sub(rf"(?<!\w){re.escape(gate.camera)}(?!\w)", lambda _: names, _advice(gate))
 
 
 def open_points(document: RigDocument) -> tuple[str, ...]:
@@ -170,10 +200,24 @@ def held_sentence(document: RigDocument) -> str | None:
     )
 
 
+def drawn(magnification: float) -> str:
+    """How large something is drawn."""
+    if magnification >= 1:
+        return f"drawn {magnification:g} times as large as it is"
+    return f"drawn at {magnification:g} of its size"
+
+
 def findings_counts(views: ViewsEntry) -> str:
     """``3 dropped, 1 unflipped``; empty where every view was used as it was detected."""
     actions = [finding.action for finding in views.findings]
     return ", ".join(f"{actions.count(action)} {action}" for action in dict.fromkeys(actions))
+
+
+def chain_ends(document: RigDocument) -> tuple[list[int], list[int]]:
+    """Places in the rig of both ends of every link of a chain, each link once."""
+    place = {camera_id: index for index, camera_id in enumerate(document.camera_ids)}
+    links = sorted(sorted(place[camera_id] for camera_id in link) for link in chain_links(document))
+    return [first for first, _ in links], [second for _, second in links]
 
 
 def chain_links(document: RigDocument) -> frozenset[frozenset[str]]:

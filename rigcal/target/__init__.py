@@ -3,6 +3,15 @@
 from rigcal.target.caption import symmetry_warning
 from rigcal.target.drawing import draw_target
 from rigcal.target.layout import TargetPlan, plan_target
-from rigcal.target.paper import TargetOptions, page_text, parse_page
+from rigcal.target.paper import TargetOptions, page_text, parse_margin, parse_page
 
-__all__ = ["TargetOptions", "TargetPlan", "draw_target", "page_text", "parse_page", "plan_target", "symmetry_warning"]
+__all__ = [
+    "TargetOptions",
+    "TargetPlan",
+    "draw_target",
+    "page_text",
+    "parse_margin",
+    "parse_page",
+    "plan_target",
+    "symmetry_warning",
+]

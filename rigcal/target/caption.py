@@ -7,6 +7,7 @@ from dataclasses import replace
 from reportlab.lib.utils import simpleSplit
 
 from rigcal.board import AprilGrid, Board, Checkerboard
+from rigcal.target.pattern import Pattern
 
 FONT, BOLD = "Helvetica", "Helvetica-Bold"
 FONT_PT = 6.5
@@ -17,14 +18,14 @@ SKETCH_MM = 18.0
 POINTS_PER_MM = 72 / 25.4
 
 
-def captions(board: Board, *, tiled: bool, two_sided: bool) -> tuple[str, ...]:
+def captions(board: Board, pattern: Pattern, *, tiled: bool, two_sided: bool) -> tuple[str, ...]:
     """The words of every sheet, a paragraph each; the first is the board's ``--board`` string."""
     lines = [
         f"--board {board.spec}",
-        "Print at 100 % (actual size), never fitted to the page. Both rulers must measure 100 mm: where one does not, "
-        "the printer scaled the sheet, so print it again.",
-        f"Origin: the dot in the sketch, which lies as the board does: {_origin(board)}. Mount the sheet flat on a stiff "
-        "plate.",
+        f"Print at 100 % (actual size), never fitted to the page. Both rulers must measure 100 mm, {_whole(pattern)}. "
+        "If not, the printer scaled it: print again.",
+        f"Origin: the dot in the sketch, which lies as the board does: {_origin(board)}. Mount the sheet flat on "
+        "a stiff plate.",
     ]
     if tiled:
         lines.append("One of several sheets: measure its rulers, then cut and glue it as the first page says.")
@@ -48,8 +49,8 @@ def symmetry_warning(board: Board) -> str | None:
     )
 
 
-def assembly_steps(rows: int, columns: int) -> tuple[str, ...]:
-    """How to glue a tiled target together."""
+def assembly_steps(rows: int, columns: int, pattern: Pattern) -> tuple[str, ...]:
+    """How to glue a pattern on several sheets together."""
     steps = ["Print all sheets at 100 % on one printer and measure both rulers of each."]
     if columns > 1:
         steps.append(
@@ -64,13 +65,17 @@ def assembly_steps(rows: int, columns: int) -> tuple[str, ...]:
     return (
         *steps,
         "Glue the whole on a flat, stiff plate and trim what stands out, but keep the white margin.",
-        "Measure from the first to the last square in both directions before you use it.",
+        f"Measure it before you use it: {_whole(pattern)}.",
     )
 
 
 def wrapped(lines: tuple[str, ...], width_mm: float, size_pt: float = FONT_PT) -> tuple[str, ...]:
     """The lines, broken where they are longer than ``width_mm``."""
     return tuple(part for line in lines for part in simpleSplit(line, BOLD, size_pt, width_mm * POINTS_PER_MM))
+
+
+def _whole(pattern: Pattern) -> str:
+    return f"the whole pattern {pattern.size_mm[0]:.6g} x {pattern.size_mm[1]:.6g} mm"
 
 
 def _origin(board: Board) -> str:

@@ -11,10 +11,14 @@ board is found with all its corners from no margin at all upwards.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import ceil
+
+import numpy as np
 
 from rigcal.board import Board, Charuco
 from rigcal.errors import TargetError
-from rigcal.target.paper import LEAST_WINDOW_MM, PAGES, Frame, TargetOptions, divide, page_text
+from rigcal.geometry import Floats
+from rigcal.target.paper import PAGES, RULER_MM, US_PAGES, Frame, TargetOptions, divide, page_text
 from rigcal.target.pattern import Pattern, pattern_of
 
 OVERLAP_MM = 10.0
@@ -43,19 +47,38 @@ class TargetPlan:
     pattern: Pattern
     frame: Frame
     rows: int
+    """Sheets below each other."""
     columns: int
-    sheets: tuple[Sheet, ...]
-    """Row by row."""
+    """Sheets beside each other."""
+    first_left_top_mm: tuple[float, float]
+    """Where the pattern's top-left corner lies on the first sheet."""
     quiet_mm: float
     """White around the pattern, at its narrowest."""
     two_sided: bool
-    fits_on: str | None
+    fits_on: str | None = None
     """For a pattern on several sheets, the smallest known page that holds all of it; None where none does."""
 
     @property
     def tiled(self) -> bool:
         """Whether the pattern is glued together from several sheets."""
-        return len(self.sheets) > 1
+        return self.rows * self.columns > 1
+
+    @property
+    def sheets(self) -> tuple[Sheet, ...]:
+        """The sheets, row by row."""
+        (left, top), window = self.first_left_top_mm, self.frame.window
+        step_x, step_y = window.width - OVERLAP_MM, window.height - OVERLAP_MM
+        return tuple(
+            Sheet(row, column, (left - column * step_x, top - row * step_y))
+            for row in range(self.rows)
+            for column in range(self.columns)
+        )
+
+    def shown_mm(self, sheet: Sheet) -> Floats:
+        """(4,) left, top, right and bottom of the part of the pattern that a sheet shows."""
+        (left, top), window = sheet.pattern_left_top_mm, self.frame.window
+        ends = np.array([window.left - left, window.top - top, window.right - left, window.bottom - top])
+        return np.asarray(np.clip(ends, 0, np.tile(self.pattern.size_mm, 2)))
 
 
 def plan_target(board: Board, options: TargetOptions) -> TargetPlan:
@@ -76,17 +99,24 @@ def plan_target(board: Board, options: TargetOptions) -> TargetPlan:
     plan = _best_plan(board, pattern, options)
     if plan is not None and not plan.tiled:
         return plan
-    fits_on = next((name for name, page in PAGES.items() if _on_one_sheet(board, pattern, options, page)), None)
+    page = page_text(options.page_mm)
+    kin_first = sorted(PAGES, key=lambda name: (name in US_PAGES) != (page in US_PAGES))
+    fits_on = next((name for name in kin_first if _on_one_sheet(board, pattern, options, PAGES[name])), None)
     if plan is None:
-        raise _too_small(board, pattern, options, fits_on)
-    if plan.two_sided:
-        raise TargetError(
-            "a board with two sides must fit on one sheet",
-            where=board.spec,
-            expected=f"page {fits_on}" if fits_on else "a page that holds it",
-            got=f"page {page_text(options.page_mm)}, of which it takes {len(plan.sheets)}",
-            do_next=_larger_page(fits_on),
+        raise _does_not_fit(
+            board,
+            fits_on,
+            f"page {page} is too small",
+            expected=f"room for two rulers of {RULER_MM:g} mm and words inside margins of {options.margin_mm:g} mm",
+            got=f"page {page}",
         )
+    sheets = plan.rows * plan.columns
+    if sheets > MOST_SHEETS:
+        problem, expected = "it takes too many sheets", f"at most {MOST_SHEETS} sheets"
+        raise _does_not_fit(board, fits_on, problem, expected=expected, got=f"{sheets} sheets of page {page}")
+    if plan.two_sided:
+        problem, expected = "a board with two sides must fit on one sheet", "one sheet"
+        raise _does_not_fit(board, fits_on, problem, expected=expected, got=f"{sheets} sheets of page {page}")
     return replace(plan, fits_on=fits_on)
 
 
@@ -97,31 +127,19 @@ def _best_plan(board: Board, pattern: Pattern, options: TargetOptions) -> Target
         for page in options.pages_mm
         for words_below in (True, False)
         for tiled in (False, True)
-        if (frame := divide(board, page, options, tiled=tiled, words_below=words_below)) is not None
-        and (plan := _plan(board, pattern, frame, options)) is not None
-        and (1 < len(plan.sheets) <= MOST_SHEETS if tiled else not plan.tiled)
+        if (frame := divide(board, pattern, page, options, tiled=tiled, words_below=words_below)) is not None
+        and (plan := _plan(board, pattern, frame, options)).tiled == tiled
     ]
-    return min(plans, key=lambda plan: (len(plan.sheets), -plan.quiet_mm), default=None)
+    return min(plans, key=lambda plan: (plan.rows * plan.columns, -plan.quiet_mm), default=None)
 
 
 def _plan(board: Board, pattern: Pattern, frame: Frame, options: TargetOptions) -> TargetPlan:
     window = frame.window
     across = _fit(pattern.size_mm[0], window.width, frame.white_mm, pattern.square_mm)
     upright = _fit(pattern.size_mm[1], window.height, frame.white_mm, pattern.square_mm)
-    sheets = tuple(
-        Sheet(
-            row,
-            column,
-            (
-                window.left + across.banded_mm - column * (window.width - OVERLAP_MM),
-                window.top + upright.free_mm - row * (window.height - OVERLAP_MM),
-            ),
-        )
-        for row in range(upright.windows)
-        for column in range(across.windows)
-    )
+    left_top = (window.left + across.banded_mm, window.top + upright.free_mm)
     quiet = min(across.quiet_mm, upright.quiet_mm)
-    return TargetPlan(board, pattern, frame, upright.windows, across.windows, sheets, quiet, options.two_sided, None)
+    return TargetPlan(board, pattern, frame, upright.windows, across.windows, left_top, quiet, options.two_sided)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,14 +157,12 @@ class _Fit:
 
 def _fit(pattern_mm: float, window_mm: float, white_mm: float, square_mm: float) -> _Fit:
     """The least number of windows that hold the pattern, and its place with the widest margin."""
-    windows = 0
-    while True:
-        windows += 1
-        slack = windows * window_mm - (windows - 1) * OVERLAP_MM - pattern_mm
-        banded = min((slack + white_mm) / 2, slack)
-        quiet = min(banded, slack - banded + white_mm)
-        if quiet >= LEAST_QUIET_SQUARES * square_mm:
-            return _Fit(windows, banded, slack - banded, quiet)
+    quiet = LEAST_QUIET_SQUARES * square_mm
+    needed = pattern_mm + max(quiet, 2 * quiet - white_mm)
+    windows = max(1, ceil((needed - OVERLAP_MM) / (window_mm - OVERLAP_MM)))
+    slack = windows * window_mm - (windows - 1) * OVERLAP_MM - pattern_mm
+    banded = min((slack + white_mm) / 2, slack)
+    return _Fit(windows, banded, slack - banded, min(banded, slack - banded + white_mm))
 
 
 def _on_one_sheet(board: Board, pattern: Pattern, options: TargetOptions, page_mm: tuple[float, float]) -> bool:
@@ -156,19 +172,7 @@ def _on_one_sheet(board: Board, pattern: Pattern, options: TargetOptions, page_m
     return plan is not None and not plan.tiled
 
 
-def _too_small(board: Board, pattern: Pattern, options: TargetOptions, fits_on: str | None) -> TargetError:
-    return TargetError(
-        "the page is too small for it",
-        where=board.spec,
-        expected=f"two windows' sides of {LEAST_WINDOW_MM:g} mm or more for the rulers, beside words and margins, and "
-        f"the board on at most {MOST_SHEETS} sheets",
-        got=f"a pattern of {pattern.size_mm[0]:.5g}x{pattern.size_mm[1]:.5g} mm for page {page_text(options.page_mm)} "
-        f"with margins of {options.margin_mm:g} mm",
-        do_next=_larger_page(fits_on),
-    )
-
-
-def _larger_page(fits_on: str | None) -> str:
-    if fits_on:
-        return f"give --page {fits_on}, on which it fits as one sheet"
-    return "give a larger --page, such as A0 or 2000x1500mm for a print shop, or choose smaller squares"
+def _does_not_fit(board: Board, fits_on: str | None, problem: str, *, expected: str, got: str) -> TargetError:
+    larger = "give a larger --page, such as A0 or 2000x1500mm for a print shop, or choose smaller squares"
+    do_next = f"give --page {fits_on}, on which it fits as one sheet" if fits_on else larger
+    return TargetError(problem, where=board.spec, expected=expected, got=got, do_next=do_next)

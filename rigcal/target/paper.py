@@ -10,9 +10,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from rigcal.board import Board
+from rigcal.board import Board, parse_length
 from rigcal.errors import TargetError
 from rigcal.target.caption import LINE_MM, SKETCH_MM, captions, wrapped
+from rigcal.target.pattern import Pattern
 
 PAGES = {
     "A5": (148.0, 210.0),
@@ -26,6 +27,8 @@ PAGES = {
     "A0": (841.0, 1189.0),
 }
 """Width and height of pages in mm, upright, from small to large."""
+US_PAGES = frozenset({"letter", "legal", "tabloid"})
+"""Who has one of these in the printer has the others rather than A4."""
 RULER_MM = 100.0
 RULER_BAND_MM = 6.0
 """A ruler with its numbers."""
@@ -135,6 +138,25 @@ def parse_page(text: str) -> tuple[float, float]:
     return width, height
 
 
+def parse_margin(text: str) -> float:
+    """A margin in mm.
+
+    Raises:
+        TargetError: for anything but a length with its unit.
+    """
+    metres = parse_length(
+        text,
+        lambda problem: TargetError(
+            f"the margin: {problem}",
+            where="--margin",
+            expected="a length with its unit, as in 10mm",
+            got=repr(text),
+            do_next="give the edge that the printer cannot print on, 5mm to 15mm for most",
+        ),
+    )
+    return metres * 1e3
+
+
 def page_text(page_mm: tuple[float, float]) -> str:
     """A page as one says it: ``A4``, or ``600x400mm``."""
     upright = (min(page_mm), max(page_mm))
@@ -142,14 +164,20 @@ def page_text(page_mm: tuple[float, float]) -> str:
 
 
 def divide(
-    board: Board, page_mm: tuple[float, float], options: TargetOptions, *, tiled: bool, words_below: bool
+    board: Board,
+    pattern: Pattern,
+    page_mm: tuple[float, float],
+    options: TargetOptions,
+    *,
+    tiled: bool,
+    words_below: bool,
 ) -> Frame | None:
     """The frame of a sheet, or None where the page has no room for two rulers and their words."""
     ticks, margin = TICKS_MM if tiled else 0.0, options.margin_mm
     length = page_mm[0 if words_below else 1] - 2 * (margin + ticks) - RULER_BAND_MM
     if length < LEAST_WINDOW_MM:
         return None
-    lines = wrapped(captions(board, tiled=tiled, two_sided=options.two_sided), length - SKETCH_MM)
+    lines = wrapped(captions(board, pattern, tiled=tiled, two_sided=options.two_sided), length - SKETCH_MM)
     words = RULER_BAND_MM + LINE_MM * len(lines)
     below, left = (words, RULER_BAND_MM) if words_below else (RULER_BAND_MM, words)
     window = Rect(

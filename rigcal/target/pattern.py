@@ -126,7 +126,7 @@ def _cells(black: Bools, cell_mm: float) -> Floats:
     edges = np.diff(np.pad(black, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     row, left = np.nonzero(edges == 1)
     _, right = np.nonzero(edges == -1)
-    return np.stack([left, row, right, row + 1], axis=-1) * cell_mm
+    return np.asarray(np.stack([left, row, right, row + 1], axis=-1) * cell_mm, dtype=np.float64)
 
 
 def _frame(side_mm: float, width_mm: float) -> Floats:

@@ -1,7 +1,7 @@
 """Makes the README's picture from the demo's report (needs chromium): python tools/pictures/make.py
 
-Takes the verdict, the table of errors, one camera's residuals and the rig from above out of out/demo/demo.report.html,
-lays them side by side, and photographs them.
+Takes the verdict, the table of errors and the rig from above and in 3D out of out/demo/demo.report.html, lays them side
+by side, and photographs them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 REPORT = ROOT / "out" / "demo" / "demo.report.html"
 PICTURE = Path(__file__).with_name("report.png")
-WIDTH, HEIGHT = 1360, 900
+WIDTH, HEIGHT = 1360, 1180
 
 
 def section(page: str, name: str) -> str:
@@ -32,8 +32,9 @@ def main() -> None:
     header = re.search(r"<header>.*?</header>", page, re.DOTALL)
     left = f"{header[0] if header else ''}{section(page, 'next')}{section(page, 'rmse')}"
     columns = (
-        '<div style="display:flex;gap:32px">'
-        f'<div style="width:820px">{left}</div><div style="width:420px">{section(page, "plan")}</div></div>'
+        "<style>body { max-width: none } #rig figcaption { display: none }</style>"
+        '<div style="display:flex;gap:32px"><div style="flex:none;width:820px">'
+        f'{left}</div><div style="flex:none;width:430px">{section(page, "rig")}</div></div>'
     )
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "picture.html"
