@@ -13,6 +13,7 @@ from rigcal.detections import Finding
 from rigcal.geometry import Ints
 from rigcal.outliers import RejectionRule, reject, view_limits_px
 
+_NEAR = 1e-6  # tolerance of solves whose residuals are only judged
 _EXACT_PX = 0.01  # a detector is never nearer: below it, what pulls at the cameras is rounding
 
 
@@ -39,12 +40,12 @@ def solve_robustly(
         names: What cameras and frames are called in findings.
         rule: Limits of the rejection.
     """
-    robust = solve(observations, start, freedom, SolveOptions(robust=True))
+    robust = solve(observations, start, freedom, SolveOptions(robust=True, tolerance=_NEAR))
     believed, disagreements = _believed(observations, robust, names, rule)
     state, residuals = robust.state, robust.residuals_px
     if disagreements:
-        near = solve(believed, state, _held(state), SolveOptions(max_iterations=30))  # a board may start far off
-        settled = solve(believed, near.state, _held(state), SolveOptions(robust=True, max_iterations=30))
+        near = solve(believed, state, _held(state), SolveOptions(max_iterations=30, tolerance=_NEAR))  # may be far off
+        settled = solve(believed, near.state, _held(state), SolveOptions(robust=True, tolerance=_NEAR))
         state, residuals = settled.state, settled.residuals_px
     rejection = reject(believed, residuals, names, rule)
     kept = believed.subset(rejection.keep)
