@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 READY := .venv/ready
 
-.PHONY: demo test lint bench constraints clean
+.PHONY: demo test lint bench bench-calibration constraints clean
 
 demo: $(READY)
 	$(BIN)/python tools/demo.py out/demo
@@ -18,6 +18,10 @@ lint: $(READY)
 
 bench: $(READY)
 	$(BIN)/python tools/bench/run.py
+
+# Calibration beside its peers, one thread each; resumes from out/bench-calibration.jsonl (its longer runs: --help).
+bench-calibration: $(READY)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tools/bench/calibration.py
 
 # Exactly the pinned versions, each checked against its hash; then the project itself, from this folder.
 $(READY): constraints.txt pyproject.toml

@@ -225,6 +225,7 @@ def _charuco(spec: str, columns: int, rows: int, size_m: float, options: dict[st
             problem=f"unknown dictionary {dictionary!r}",
             expected="a dictionary of OpenCV, such as DICT_4X4_1000 or DICT_5X5_100",
         )
+    _check_markers(spec, dictionary, columns * rows // 2)
     inverted, legacy = _flag(spec, options, "inverted"), _flag(spec, options, "legacy")
     return Charuco(columns, rows, size_m, ratio, dictionary, inverted, legacy)
 
@@ -234,10 +235,22 @@ def _aprilgrid(spec: str, columns: int, rows: int, size_m: float, options: dict[
     family = options.pop("family", "tag36h11")
     if family not in _APRILTAG:
         raise BoardSpecError(spec, problem=f"unknown family {family!r}", expected="one of " + ", ".join(_APRILTAG))
+    _check_markers(spec, _APRILTAG[family], columns * rows)
     border = options.pop("border", "2")
     if border not in ("1", "2"):
         raise BoardSpecError(spec, problem=f"border={border}", expected="border=1 or border=2 (Kalibr)")
     return AprilGrid(columns, rows, size_m, spacing, family, int(border))
+
+
+def _check_markers(spec: str, dictionary: str, needed: int) -> None:
+    """Refuse a board with more markers than its dictionary has."""
+    known = len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary)).bytesList)
+    if needed > known:
+        raise BoardSpecError(
+            spec,
+            problem=f"it needs {needed} markers, {dictionary} has {known}",
+            expected="the dictionary that the board was printed with, or fewer columns and rows",
+        )
 
 
 _KINDS: Mapping[str, Callable[[str, int, int, float, dict[str, str]], Board]] = {

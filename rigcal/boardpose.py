@@ -11,6 +11,8 @@ from rigcal.camera import Camera
 from rigcal.detections import BoardView
 from rigcal.geometry import Floats, Pose
 
+_FROM_BEHIND = Pose(np.diag([-1.0, 1.0, -1.0]), np.zeros(3))  # OpenCV's solver takes boards for facing the camera
+
 
 @dataclass(frozen=True, slots=True)
 class BoardPose:
@@ -40,9 +42,11 @@ def board_poses(camera: Camera, corners_in_board: Floats, view: BoardView) -> tu
     normalised = camera.undistort(view.corners_px)
     if len(points) < 4 or not np.isfinite(normalised).all():
         return ()
+    board_from_facing = _FROM_BEHIND if _shows_back(points, normalised) else Pose.identity()
+    facing = board_from_facing.inverse().apply(points)
     try:
         count, rvecs, tvecs, _ = cv2.solvePnPGeneric(
-            points, normalised, np.eye(3), np.zeros(5), flags=cv2.SOLVEPNP_IPPE
+            facing, normalised, np.eye(3), np.zeros(5), flags=cv2.SOLVEPNP_IPPE
         )
     except cv2.error:
         return ()  # OpenCV refuses collinear corners in this way: no pose, as documented
@@ -50,8 +54,15 @@ def board_poses(camera: Camera, corners_in_board: Floats, view: BoardView) -> tu
     for k in range(count):
         if not (np.isfinite(rvecs[k]).all() and np.isfinite(tvecs[k]).all()):
             continue
-        pose = Pose.from_rvec(rvecs[k].ravel(), tvecs[k].ravel())
+        pose = Pose.from_rvec(rvecs[k].ravel(), tvecs[k].ravel()) @ board_from_facing.inverse()
         error = camera.project(pose.apply(points)) - view.corners_px
         if np.isfinite(error).all():
             found.append(BoardPose(pose, float(np.sqrt((error**2).sum(axis=1).mean()))))
     return tuple(sorted(found, key=lambda candidate: candidate.rmse_px))
+
+
+def _shows_back(points_in_board: Floats, normalised: Floats) -> bool:
+    """Whether the corners go round the other way than on the board's front."""
+    plane = np.column_stack([points_in_board[:, :2], np.ones(len(points_in_board))])
+    affine = np.linalg.lstsq(plane, normalised, rcond=None)[0][:2]
+    return float(np.linalg.det(affine)) < 0

@@ -33,6 +33,8 @@ class BoardView:
     """(n,) indices into ``board.corners_in_board``, ascending."""
     corners_px: Floats
     """(n, 2) pixels, distorted, origin at the centre of the top-left pixel."""
+    blur_px: float = 0.0
+    """Sigma of the board's edges in pixels; 0: not measured."""
 
     def __post_init__(self) -> None:
         freeze(self, np.int64, corner_ids=(None,))

@@ -45,7 +45,7 @@ Every message says what is wrong, where, what was expected, what was got, and wh
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import ClassVar
@@ -274,7 +274,7 @@ class UnclearBoardError(DetectionError):
         "part": (
             "only a part of the board is seen",
             "all of its {limit:.0f} corners",
-            "{value:.0f} corners",
+            "a part with {value:.0f} corners",
             "keep the whole board and a white margin of half a square in view, with no hand or stand on its squares",
         ),
     }
@@ -386,15 +386,35 @@ class TooFewViewsError(CalibrationError):
 class NotConnectedError(CalibrationError):
     """Groups of cameras that no board view joins to the reference camera."""
 
-    def __init__(self, groups: Sequence[Sequence[str]], *, needed: int, bridge: tuple[str, str]) -> None:
+    def __init__(
+        self,
+        groups: Sequence[Sequence[str]],
+        *,
+        needed: int,
+        bridge: tuple[str, str],
+        unexplained: Mapping[tuple[str, str], int],
+    ) -> None:
         named = "; ".join("{" + ", ".join(group) + "}" for group in groups)
+        got = f"{len(groups)} groups without a shared view between them"
+        do_next = (
+            f"show the board to {bridge[0]} and {bridge[1]} at the same time in {needed} or more positions, "
+            "and add those images to the capture"
+        )
+        group_of = {camera_id: index for index, group in enumerate(groups) for camera_id in group}
+        odd = {pair: views for pair, views in unexplained.items() if group_of[pair[0]] != group_of[pair[1]]}
+        if odd:
+            seen = "; ".join(f"{one} and {two} share {views} views" for (one, two), views in odd.items())
+            got = f"{seen}, but no place of the cameras explains them"
+            do_next = (
+                "check that no camera mirrors its image, that images of equal number or time were taken together, and "
+                f"that there is one board; else show it to {bridge[0]} and {bridge[1]} together, held still"
+            )
         super().__init__(
             f"cameras are not connected to {groups[0][0]}: no shared board views join {len(groups)} groups",
             where=f"groups {named}",
             expected=f"every camera reached from {groups[0][0]} through pairs with {needed} or more shared board views",
-            got=f"{len(groups)} groups without a shared view between them",
-            do_next=f"show the board to {bridge[0]} and {bridge[1]} at the same time in {needed} or more positions, "
-            "and add those images to the capture",
+            got=got,
+            do_next=do_next,
         )
 
 

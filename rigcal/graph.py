@@ -21,7 +21,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 from rigcal.errors import NotConnectedError
 from rigcal.geometry import Pose
-from rigcal.pairwise import PairPose
+from rigcal.pairwise import PairPose, Pairs
 
 OPEN_SHARE = 0.05
 """Gap of a loop over the boards' distance at which one of its pairs is wrong: lenses calibrated from a few small boards
@@ -68,14 +68,14 @@ class Chain:
         return max(links, key=lambda link: link.point_variance_m2, default=None)
 
 
-def chain_to_reference(camera_ids: Sequence[str], pairs: Sequence[PairPose], *, needed_views: int) -> Chain:
+def chain_to_reference(camera_ids: Sequence[str], pairs: Pairs, *, needed_views: int) -> Chain:
     """Join every camera to the first one.
 
     Raises:
         NotConnectedError: naming the groups that no pair joins and the capture that would.
     """
     _require_connected(camera_ids, pairs, needed_views)
-    count, believed, doubted = len(camera_ids), list(pairs), list[PairPose]()
+    count, believed, doubted = len(camera_ids), list(pairs.solved), list[PairPose]()
     while True:
         chain = _tree(count, believed, doubted)
         worst = max(chain.loops, key=lambda loop: loop.gap_share, default=None)
@@ -96,9 +96,7 @@ def _tree(count: int, pairs: Sequence[PairPose], doubted: Sequence[PairPose]) ->
     poses = tuple(_carried(edges, path) for path in paths)
     links = tuple(edges[path[-2], path[-1]] if len(path) > 1 else None for path in paths)
     in_tree = {frozenset(path[-2:]) for path in paths if len(path) > 1}
-    loops = tuple(
-        _loop(edges, paths, pair) for pair in pairs if frozenset((pair.first, pair.second)) not in in_tree
-    )
+    loops = tuple(_loop(edges, paths, pair) for pair in pairs if frozenset((pair.first, pair.second)) not in in_tree)
     return Chain(poses, paths, links, loops, tuple(doubted))
 
 
@@ -142,10 +140,10 @@ def _culprit(count: int, pairs: Sequence[PairPose], loop: Loop) -> PairPose:
     return min(members, key=left_open)
 
 
-def _require_connected(camera_ids: Sequence[str], pairs: Sequence[PairPose], needed_views: int) -> None:
+def _require_connected(camera_ids: Sequence[str], pairs: Pairs, needed_views: int) -> None:
     count = len(camera_ids)
     adjacency = np.zeros((count, count))
-    for pair in pairs:
+    for pair in pairs.solved:
         adjacency[pair.first, pair.second] = 1
     groups, label = connected_components(csr_array(adjacency), directed=False)
     if groups == 1:
@@ -159,4 +157,5 @@ def _require_connected(camera_ids: Sequence[str], pairs: Sequence[PairPose], nee
         [[camera_ids[i] for i in group] for group in members],
         needed=needed_views,
         bridge=(camera_ids[near], camera_ids[far]),
+        unexplained={(camera_ids[a], camera_ids[b]): views for (a, b), views in pairs.unexplained.items()},
     )

@@ -14,7 +14,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from rigcal.camera import MODELS, Camera
 from rigcal.detections import BoardDetections, Finding
 from rigcal.errors import RigFileSchemaError
+from rigcal.geometry import Floats
 from rigcal.intrinsics import IntrinsicsResult
+from rigcal.rigdocument import CameraEntry
 from rigcal.rigfile import read_rigfile, readable_json, write_atomically
 from rigcal.site import entry_name
 
@@ -28,6 +30,8 @@ class KnownLens:
     camera: Camera
     rmse_px: float
     """Of the calibration that gave it."""
+    covariance: Floats | None = None
+    """(P, P) of the coefficients; None where nothing says how surely they are known."""
 
 
 class _Lens(BaseModel):
@@ -37,6 +41,7 @@ class _Lens(BaseModel):
     model: Literal["opencv4", "opencv5", "opencv8", "fisheye4"]
     coefficients: dict[str, float]
     sigma: dict[str, float]
+    covariance: tuple[tuple[float, ...], ...] | None = None
     rmse_px: dict[str, float]
     views: dict[str, Any]
 
@@ -69,6 +74,7 @@ def _entry(detections: BoardDetections, result: IntrinsicsResult) -> dict[str, A
         "model": result.camera.model,
         "coefficients": result.camera.coefficients,
         "sigma": dict(zip(names, result.sigma.tolist(), strict=True)),
+        "covariance": result.covariance.tolist(),
         "rmse_px": {"intrinsic": result.rmse_px},
         "views": {
             "frames": len(detections.frames),
@@ -104,6 +110,7 @@ def read_lenses(path: Path) -> dict[str, KnownLens]:
             entry.id: KnownLens(
                 Camera(entry.model, entry.size_wh, np.array([entry.coefficients[n] for n in MODELS[entry.model]])),
                 entry.rmse_px.intrinsic or 0.0,
+                _variances(MODELS[entry.model], _sigma_of(entry)),
             )
             for entry in read_rigfile(path).cameras
         }
@@ -119,7 +126,20 @@ def read_lenses(path: Path) -> dict[str, KnownLens]:
 
 def _known(entry: _Lens) -> KnownLens:
     params = np.array([entry.coefficients[name] for name in MODELS[entry.model]])
-    return KnownLens(Camera(entry.model, entry.size_wh, params), entry.rmse_px["intrinsic"])
+    covariance = _variances(MODELS[entry.model], entry.sigma)
+    if entry.covariance is not None:
+        covariance = np.array(entry.covariance, dtype=np.float64).reshape(covariance.shape)
+    return KnownLens(Camera(entry.model, entry.size_wh, params), entry.rmse_px["intrinsic"], covariance)
+
+
+def _variances(names: Sequence[str], sigma: Mapping[str, float]) -> Floats:
+    """(P, P) diagonal covariance from one sigma of each coefficient, where it is known."""
+    return np.diag([sigma.get(name, 0.0) ** 2 for name in names])
+
+
+def _sigma_of(entry: CameraEntry) -> dict[str, float]:
+    sigma = entry.sigma
+    return {"fx": sigma.fx_px, "fy": sigma.fy_px, "cx": sigma.cx_px, "cy": sigma.cy_px} if sigma else {}
 
 
 def _not_a_lens_file(path: Path, entry: str, expected: str, got: object) -> RigFileSchemaError:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from importlib.metadata import version
 
 import numpy as np
@@ -10,12 +11,14 @@ import numpy as np
 from rigcal import __version__
 from rigcal.board import board_to_dict
 from rigcal.evidence import Evidence
+from rigcal.intrinsics import undetermined
 from rigcal.lensfile import findings_entries
 from rigcal.pipeline import SiteCalibration, used_views
-from rigcal.quality import joint_camera_covariance
 from rigcal.refine import JointResult
+from rigcal.relative import solved_covariance_entry
 from rigcal.residuals import residuals_of_all
 from rigcal.rigdocument import PoseEntry, RigDocument
+from rigcal.scene import ScenePoint
 from rigcal.site import Site
 
 
@@ -63,10 +66,8 @@ def document_of(
     options: Mapping[str, object],
 ) -> RigDocument:
     """The rig file's content for a calibration."""
-    detections, joint = calibration.detections, calibration.joint
+    detections = calibration.detections
     ids = detections.camera_ids
-    free, covariance = joint_camera_covariance(joint.solution)
-    symmetric = (covariance + covariance.T) / 2
     return RigDocument.model_validate(
         {
             "site": site_name,
@@ -78,12 +79,7 @@ def document_of(
                 {"cameras": (ids[pair.first], ids[pair.second]), "views": pair.views, "rmse_px": pair.rmse_px}
                 for pair in calibration.pairs
             ],
-            "covariance": {
-                "order": tuple(f"{ids[c]}.{part}" for c in free for part in ("rotation_rad", "translation_m")),
-                "matrix": tuple(tuple(row) for row in symmetric.tolist()),
-            }
-            if free
-            else None,
+            "covariance": solved_covariance_entry(calibration.quality.covariance, ids),
             "gates": [
                 {
                     "name": gate.name,
@@ -105,18 +101,60 @@ def document_of(
                     name: version(name) for name in ("numpy", "opencv-contrib-python-headless", "pycolmap", "scipy")
                 },
             },
-            "extensions": {
-                "rigcal": {
-                    "instants": {
-                        "rule": detections.instants.rule,
-                        "spread_s": float(detections.instants.spread_s.max(initial=0.0)),
-                        "shared": _shared_instants(joint),
-                    },
-                    "lenses_held": [ids[camera] for camera in joint.noisy],
-                }
-            },
+            "extensions": {"rigcal": _more(calibration)},
         }
     )
+
+
+def _more(calibration: SiteCalibration) -> dict[str, object]:
+    """Figures for which the format has no key, by camera id: what the report shows beside the gates."""
+    detections, joint, quality = calibration.detections, calibration.joint, calibration.quality
+    ids, split = detections.camera_ids, calibration.quality.split_half
+    more: dict[str, object] = {
+        "instants": {
+            "rule": detections.instants.rule,
+            "spread_s": float(detections.instants.spread_s.max(initial=0.0)),
+            "shared": _shared_instants(joint),
+        },
+        "lenses_held": [ids[camera] for camera in joint.noisy],
+        "undetermined": {
+            camera_id: list(names)
+            for camera_id, camera, sigma in zip(ids, joint.cameras, quality.lens_sigma, strict=True)
+            if (names := undetermined(camera, sigma))
+        },
+        "graph": _graph_entry(calibration),
+        "scene": {
+            "centre": _scene_entry(quality.scene_centre, ids) if quality.scene_centre else None,
+            "edges": [_scene_entry(edge, ids) for edge in quality.scene_edges],
+        },
+        "split_half": None
+        if split is None
+        else {
+            "gap": split.gap,
+            "distance_percent": split.distance_percent,
+            "cameras": [ids[c] for c in split.farthest],
+        },
+    }
+    if joint.freedom.bow:
+        bow = joint.solution.joint_covariance([(len(ids), 0), (len(ids), 1)])
+        more["board_bow"] = {"bow_m": joint.solution.state.bow_m, "sigma_m": np.sqrt(np.diag(bow)).tolist()}
+    if calibration.scale is not None:
+        evidence = [asdict(item) for item in calibration.scale.evidence]
+        more["scale"] = asdict(calibration.scale) | {"evidence": evidence}
+    if calibration.sisters:
+        more["sisters"] = [
+            {"camera": ids[g.camera], "percent": g.percent, "sigmas": g.sigmas, "like": [ids[c] for c in g.sisters]}
+            for g in calibration.sisters
+        ]
+    return more
+
+
+def _scene_entry(point: ScenePoint, ids: Sequence[str]) -> dict[str, object]:
+    return {
+        "point_in_rig_m": point.point_in_rig_m.tolist(),
+        "sigma_m": point.sigma_m,
+        "cameras": [ids[camera] for camera in point.cameras],
+    }
 
 
 def _shared_instants(joint: JointResult) -> int:
@@ -159,4 +197,21 @@ def _camera_entry(calibration: SiteCalibration, site: Site | None, index: int) -
             "used": used_views(joint, index),
             "findings": tuple(findings_entries(calibration.findings[index])),
         },
+    }
+
+
+def _graph_entry(calibration: SiteCalibration) -> dict[str, object]:
+    """What the loops of the pair graph say, and the pair that adds most to the place of a point."""
+    ids, chain = calibration.detections.camera_ids, calibration.chain
+    return {
+        "weakest": [ids[chain.weakest.first], ids[chain.weakest.second]] if chain.weakest else None,
+        "loops": [
+            {
+                "cameras": [ids[loop.first], ids[loop.second]],
+                "through": [ids[c] for c in loop.path],
+                "gap_m": loop.gap_m,
+            }
+            for loop in chain.loops
+        ],
+        "doubted": [{"cameras": [ids[pair.first], ids[pair.second]], "views": pair.views} for pair in chain.doubted],
     }

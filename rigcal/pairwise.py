@@ -7,9 +7,9 @@ then say which order each of them has, and a solve with the lenses held gives th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 
@@ -18,8 +18,9 @@ from rigcal.board import Board
 from rigcal.boardpose import board_poses
 from rigcal.bundle import Freedom, Observations, State, rmse_px
 from rigcal.camera import Camera
-from rigcal.detections import BoardView
+from rigcal.detections import BoardView, Instants
 from rigcal.geometry import Floats, Ints, Pose
+from rigcal.intrinsics import IntrinsicsResult
 from rigcal.order import corner_orders, reordered
 from rigcal.outliers import RejectionRule
 from rigcal.robust import solve_robustly
@@ -147,6 +148,35 @@ def solve_pair(
         rmse_px(solution.residuals_px) or 0.0,
         tuple(posed[v].instant for v in agreeing if order_of[v]),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """What every two cameras tell of each other."""
+
+    solved: tuple[PairPose, ...]
+    unexplained: Mapping[tuple[int, int], int]
+    """Of cameras that saw the board together though no pose of theirs explains it: in how many views."""
+
+
+def solve_pairs(
+    board: Board, lenses: Sequence[IntrinsicsResult], instants: Instants, options: PairwiseOptions
+) -> Pairs:
+    """Solve every two cameras that share views; ``lenses`` (per camera) bring the views that survived their own."""
+    by_frame = [{view.frame_idx: view for view in lens.views} for lens in lenses]
+    solved, unexplained = [], {}
+    for one, two in combinations(range(len(lenses)), 2):
+        shared = [
+            (instant, by_frame[one][int(row[one])], by_frame[two][int(row[two])])
+            for instant, row in enumerate(instants.frame_idx)
+            if int(row[one]) in by_frame[one] and int(row[two]) in by_frame[two]
+        ]
+        pair = solve_pair(board, (lenses[one].camera, lenses[two].camera), shared, (one, two), options)
+        if pair is not None:
+            solved.append(pair)
+        elif len(shared) >= MIN_SHARED_VIEWS:
+            unexplained[one, two] = len(shared)
+    return Pairs(tuple(solved), unexplained)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,25 +11,31 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rigcal.bundle import rmse_px
+from rigcal.bundle import POSE, rmse_px
 from rigcal.camera import MODELS
 from rigcal.detections import Finding, SiteDetections, join_findings
 from rigcal.errors import CalibrationError, OptionError
+from rigcal.figures import camera_figures, rig_figures
+from rigcal.gates import Gate, judge, verdict
 from rigcal.graph import Chain, chain_to_reference
 from rigcal.intrinsics import IntrinsicsOptions, IntrinsicsResult, calibrate_camera, choose_model, hold_camera
 from rigcal.lensfile import KnownLens
-from rigcal.pairwise import PairPose, PairwiseOptions, solve_pair
-from rigcal.quality import (
-    CameraFigures,
-    Gate,
-    JointQuality,
-    assess,
-    judge,
-    verdict,
-)
+from rigcal.measured import MeasuredDistance, MeasuredLength
+from rigcal.pairwise import PairPose, PairwiseOptions, solve_pairs
+from rigcal.quality import JointQuality, assess
 from rigcal.refine import JointResult, RefineOptions, refine_rig
 from rigcal.residuals import chained_rmse_px, rmse_of_all_px
+from rigcal.scale import ScaleCheck, check_scale
 from rigcal.selection import SelectionOptions, select_views
+from rigcal.sisters import (
+    LensEstimate,
+    LensPrior,
+    SisterGap,
+    check_alike,
+    compare_sisters,
+    informed_by_sisters,
+    sister_priors,
+)
 from rigcal.site import GateLimits, Site
 
 AUTO = "auto"
@@ -53,6 +59,18 @@ class CalibrateOptions:
     def __post_init__(self) -> None:
         if self.model != AUTO and self.model not in MODELS:
             raise OptionError("model", expected="auto or one of " + ", ".join(MODELS), got=self.model)
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What is known of a site beside its images."""
+
+    distances: tuple[MeasuredDistance, ...] = ()
+    """Measured between cameras."""
+    square: MeasuredLength | None = None
+    """Measured on the printed board: a square's side, or a tag's."""
+    sisters: tuple[tuple[str, ...], ...] = ()
+    """Groups of cameras that are copies of one camera and lens."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +99,10 @@ class SiteCalibration:
     rmse: tuple[CameraRmse, ...]
     findings: tuple[tuple[Finding, ...], ...]
     """Per camera."""
+    sisters: tuple[SisterGap, ...]
+    """Each camera that is declared like others, beside them."""
+    scale: ScaleCheck | None
+    """The rig against lengths measured by hand; None where none was given."""
     gates: tuple[Gate, ...]
     verdict: str
     """``PASS`` or ``RECAPTURE``."""
@@ -89,19 +111,40 @@ class SiteCalibration:
 def calibrate_lenses(
     detections: SiteDetections, site: Site | None, options: CalibrateOptions
 ) -> tuple[IntrinsicsResult, ...]:
-    """Each camera's lens by itself.
+    """Each camera's lens by itself; sisters get one model.
 
     Raises:
         TooFewViewsError: for a camera with too few views of the board.
+        SisterError: for cameras that are declared alike, whose images or lens models differ.
     """
-    results = []
-    for camera in select_views(detections, options.selection).cameras:
-        declared = site.camera(camera.camera_id) if site else None
-        model = declared.model if declared and declared.model else options.model
-        if model == AUTO:
-            model = choose_model(camera, detections.board, options.intrinsics)
-        results.append(calibrate_camera(camera, detections.board, replace(options.intrinsics, model=model)))
-    return tuple(results)
+    board, chosen = detections.board, select_views(detections, options.selection).cameras
+    groups = _groups(detections.camera_ids, site.sisters) if site else ()
+    models = [_model(site, camera.camera_id, options) for camera in chosen]
+    for index, camera in enumerate(chosen):
+        if models[index] == AUTO:
+            models[index] = choose_model(camera, board, options.intrinsics)
+    for group in groups:  # copies of one lens have one model: the one that most views chose
+        best = max(group, key=lambda index: len(chosen[index].views))
+        for index in group:
+            if _model(site, chosen[index].camera_id, options) == AUTO:
+                models[index] = models[best]
+    lenses = tuple(
+        calibrate_camera(camera, board, replace(options.intrinsics, model=model))
+        for camera, model in zip(chosen, models, strict=True)
+    )
+    check_alike(lenses, groups)
+    return lenses
+
+
+def _model(site: Site | None, camera_id: str, options: CalibrateOptions) -> str:
+    declared = site.camera(camera_id) if site else None
+    return declared.model if declared and declared.model else options.model
+
+
+def _groups(camera_ids: Sequence[str], sisters: Sequence[Sequence[str]]) -> tuple[tuple[int, ...], ...]:
+    """Groups of alike cameras as indices, over the cameras that the capture has."""
+    groups = (tuple(camera_ids.index(one) for one in group if one in camera_ids) for group in sisters)
+    return tuple(group for group in groups if len(group) > 1)
 
 
 def hold_lenses(
@@ -123,16 +166,12 @@ def hold_lenses(
             got=f"lenses of {', '.join(known)}",
             do_next="name the cameras' folders or videos alike in both captures, or calibrate the missing lenses",
         )
-    return tuple(
-        hold_camera(
-            camera,
-            detections.board,
-            known[camera.camera_id].camera,
-            known[camera.camera_id].rmse_px,
-            options.intrinsics,
-        )
-        for camera in select_views(detections, options.selection).cameras
-    )
+    held = []
+    for camera in select_views(detections, options.selection).cameras:
+        lens = known[camera.camera_id]
+        result = hold_camera(camera, detections.board, lens.camera, lens.rmse_px, options.intrinsics)
+        held.append(result if lens.covariance is None else replace(result, covariance=lens.covariance))
+    return tuple(held)
 
 
 def calibrate_site(
@@ -140,6 +179,8 @@ def calibrate_site(
     limits: GateLimits,
     lenses: Sequence[IntrinsicsResult],
     options: CalibrateOptions,
+    *,
+    known: Known | None = None,
 ) -> SiteCalibration:
     """Calibrate the rig of a capture.
 
@@ -148,17 +189,39 @@ def calibrate_site(
         limits: Limits of the gates.
         lenses: From :func:`calibrate_lenses` or :func:`hold_lenses`.
         options: Options of the stages.
+        known: What is known of the site beside its images.
 
     Raises:
         NotConnectedError: where shared views do not join every camera to the reference.
+        MeasuredLengthError: for a distance to a camera that the capture does not have.
     """
     board, frames = detections.board, [camera.frames for camera in detections.cameras]
-    pairs = _pairs(detections, lenses, options.pairwise)
+    known = known or Known()
+    groups = _groups(detections.camera_ids, known.sisters)
+    priors: Sequence[LensPrior | None] = ()
+    if options.refine.free_lenses:
+        estimates = [LensEstimate(lens.camera, lens.covariance) for lens in lenses]
+        priors = sister_priors(estimates, groups, limits.sister_percent)
+        lenses = [informed_by_sisters(lens, prior) for lens, prior in zip(lenses, priors, strict=True)]
+    pairs = solve_pairs(board, lenses, detections.instants, options.pairwise)
     chain = chain_to_reference(detections.camera_ids, pairs, needed_views=int(limits.chain_overlap_views))
-    joint = refine_rig(board, lenses, frames, detections.instants, chain.cam_from_rig, options.refine)
-    quality = assess(joint, [lens.sigma for lens in lenses])
+    joint = refine_rig(board, lenses, frames, detections.instants, chain.cam_from_rig, options.refine, priors=priors)
+    quality = assess(joint, [lens.covariance for lens in lenses], lenses_given=not options.refine.free_lenses)
     rmse = tuple(_rmse(detections, lenses, chain, joint, quality, camera) for camera in range(len(lenses)))
-    gates = judge(_figures(detections, chain, joint, rmse), quality, limits.model_dump())
+    scale = check_scale(
+        board,
+        detections.camera_ids,
+        joint.cam_from_rig,
+        quality.covariance,
+        distances=known.distances,
+        square=known.square,
+    )
+    gaps = compare_sisters(_lens_estimates(joint, quality), groups, limits.sister_percent)
+    gates = judge(
+        camera_figures(detections.camera_ids, lenses, chain, joint, quality, gaps),
+        rig_figures(detections, chain, joint, quality, scale),
+        limits.model_dump(),
+    )
     findings = tuple(
         join_findings(
             camera.findings,
@@ -168,45 +231,26 @@ def calibrate_site(
         for index, (camera, lens) in enumerate(zip(detections.cameras, lenses, strict=True))
     )
     return SiteCalibration(
-        detections, tuple(lenses), pairs, chain, joint, quality, rmse, findings, gates, verdict(gates)
+        detections,
+        tuple(lenses),
+        pairs.solved,
+        chain,
+        joint,
+        quality,
+        rmse,
+        findings,
+        gaps,
+        scale,
+        gates,
+        verdict(gates),
     )
 
 
-def _pairs(
-    detections: SiteDetections, lenses: Sequence[IntrinsicsResult], options: PairwiseOptions
-) -> tuple[PairPose, ...]:
-    by_frame = [{view.frame_idx: view for view in lens.views} for lens in lenses]
-    pairs = []
-    for first in range(len(lenses)):
-        for second in range(first + 1, len(lenses)):
-            shared = [
-                (instant, by_frame[first][int(row[first])], by_frame[second][int(row[second])])
-                for instant, row in enumerate(detections.instants.frame_idx)
-                if int(row[first]) in by_frame[first] and int(row[second]) in by_frame[second]
-            ]
-            cameras = (lenses[first].camera, lenses[second].camera)
-            pair = solve_pair(detections.board, cameras, shared, (first, second), options)
-            if pair is not None:
-                pairs.append(pair)
-    return tuple(pairs)
-
-
-def _figures(
-    detections: SiteDetections, chain: Chain, joint: JointResult, rmse: Sequence[CameraRmse]
-) -> tuple[CameraFigures, ...]:
-    ids = detections.camera_ids
-    return tuple(
-        CameraFigures(
-            camera_id,
-            ids[chain.paths[index][-2]] if index else None,
-            rmse[index].intrinsic,
-            rmse[index].pairwise,
-            rmse[index].refined,
-            used_views(joint, index),
-            link.views if (link := chain.links[index]) else None,
-        )
-        for index, camera_id in enumerate(ids)
-    )
+def _lens_estimates(joint: JointResult, quality: JointQuality) -> list[LensEstimate]:
+    return [
+        LensEstimate(lens, quality.covariance.of([(c, POSE + p) for p in range(len(lens.params))]))
+        for c, lens in enumerate(joint.cameras)
+    ]
 
 
 def used_views(joint: JointResult, camera: int) -> int:

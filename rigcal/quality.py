@@ -1,26 +1,36 @@
-"""Is the calibration good? Measures beyond the RMSE, the gates that judge them, and what to do next.
+"""Is the calibration good? Measures beyond the RMSE, which :mod:`rigcal.gates` then judges.
 
 An RMSE says how well a model fits the corners that it was fitted to; it cannot see a focal length that trades with
 distance, or poses that drift along a chain. So the rig is also measured on views kept out of the solve, on two halves
-solved apart, by an independent solver, and by what the covariance says of lenses, positions and a point in the scene.
+solved apart, by an independent solver, and by what the covariance says of lenses, positions and points in the scene.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
-import cv2
 import numpy as np
 
 from rigcal._colmap import solve_with_colmap
-from rigcal.bundle import POSE, Freedom, Solution, SolveOptions, State, rmse_px, solve
-from rigcal.geometry import Bools, Floats, Pose
+from rigcal.bundle import POSE, Freedom, SolveOptions, rmse_px, solve
+from rigcal.coverage import ImageCoverage, coverage_of
+from rigcal.geometry import Floats
+from rigcal.halves import SplitHalf, pose_gap, solvable, split_half
+from rigcal.intrinsics import lens_freedom
 from rigcal.refine import JointResult
+from rigcal.scene import ScenePoint, scene_points
+from rigcal.uncertainty import RigCovariance, centre_by_pose, rig_covariance
 
 FOLDS = 5
 """Parts of the board positions that are kept out in turn."""
+AGREE_SIGMA = 3.0
+"""Difference over its sigma below which two cameras' halves agree, when a camera that moved is looked for."""
+FOCAL_RANGE = (0.125, 16.0)
+"""Focal lengths over the image's longer side outside which a lens is not determined: views without tilt let the solve
+run to a thousandth of the true focal length with a sigma to match; real lenses lie between 0.25 and 8."""
+_WEAK_FOCAL = 0.1  # relative sigma of a given focal length when this capture is asked what it says of the lens
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,74 +39,80 @@ class JointQuality:
 
     held_out_px: tuple[float | None, ...]
     """Per camera the RMSE over board positions that were kept out of the solve."""
-    split_half: float | None
-    """Difference of the camera poses of two halves solved apart, over its own sigma; None where the halves cannot
-    be solved apart."""
+    split_half: SplitHalf | None
+    """How two halves solved apart differ; None where they cannot be solved apart."""
     solver_agreement: float
     """Greatest difference of a pose from the second solver's, over its own sigma."""
     lens_sigma: tuple[Floats, ...]
     """Per camera (P,) one sigma of each coefficient."""
-    focal_sigma_percent: tuple[float, ...]
-    """Per camera one sigma of the focal length."""
+    focal_sigma_percent: tuple[float | None, ...]
+    """Per camera one sigma of the focal length; None where it is not determined at all."""
     position_sigma_m: tuple[float, ...]
     """Per camera one sigma of its position in the rig frame (root of the covariance's trace)."""
     rotation_sigma_deg: tuple[float, ...]
     """Per camera one sigma of its orientation (root of the covariance's trace)."""
-    scene_centre_m: Floats | None
-    """(3,) mean of the boards' centres seen by two or more cameras, in the rig frame; None where there are none."""
-    scene_sigma_m: float | None
-    """One sigma of a point triangulated there, from the rig's covariance alone."""
-    image_coverage: tuple[float, ...]
-    """Per camera the share of its image that boards covered."""
-    tilt_spread_deg: tuple[float, ...]
-    """Per camera the root-mean-square angle of the boards' normals from their mean."""
+    lens_agreement: tuple[float | None, ...]
+    """Per camera how far this capture's opinion of the lens lies from the one that was given, over its own sigma; None
+    where the lens was calibrated from this capture."""
+    scene_centre: ScenePoint | None
+    """The middle of where two cameras or more saw boards; None where no two cameras see it."""
+    scene_edges: tuple[ScenePoint, ...]
+    """The outermost places where two cameras or more saw boards."""
+    coverage: tuple[ImageCoverage, ...]
+    """Per camera where it saw the board."""
+    covariance: RigCovariance
+    """Of every pose and lens."""
 
 
-def assess(joint: JointResult, lens_sigmas: Sequence[Floats]) -> JointQuality:
-    """Measure a solved rig; ``lens_sigmas`` (P,) per camera are those of its lens alone, for lenses that were held."""
-    solution = joint.solution
-    count = len(joint.cameras)
-    position, rotation = [], []
-    for camera in range(count):
-        covariance = solution.camera_covariance(camera, range(POSE))
-        change = _centre_by_pose(solution.state.cam_from_rig[camera])
-        position.append(float(np.sqrt(np.trace(change @ covariance @ change.T))))
-        rotation.append(float(np.rad2deg(np.sqrt(np.trace(covariance[:3, :3])))))
-    centre = _scene_centre(joint)
-    sigmas = tuple(_lens_sigma(joint, camera, alone) for camera, alone in enumerate(lens_sigmas))
+def assess(joint: JointResult, alone: Sequence[Floats], *, lenses_given: bool = False) -> JointQuality:
+    """Measure a solved rig.
+
+    Args:
+        joint: The solved rig.
+        alone: Per camera (P, P) covariance of its lens calibrated alone.
+        lenses_given: Whether the lenses come from another capture, and are to be held against this one.
+    """
+    state, count = joint.solution.state, len(joint.cameras)
+    covariance = rig_covariance(joint, alone)
+    poses = [covariance.of_pose(camera) for camera in range(count)]
+    centres = [centre_by_pose(pose) for pose in state.cam_from_rig]
+    sigmas = tuple(_lens_sigma(covariance, camera, len(lens.params)) for camera, lens in enumerate(state.cameras))
+    centre, edges = scene_points(joint, covariance)
     return JointQuality(
-        _held_out(joint),
-        _split_half(joint),
-        _solver_agreement(joint),
-        sigmas,
-        tuple(
-            float(100 * (sigma[:2] / lens.params[:2]).max())
-            for sigma, lens in zip(sigmas, solution.state.cameras, strict=True)
+        held_out_px=_held_out(joint),
+        split_half=split_half(joint, AGREE_SIGMA),
+        solver_agreement=_solver_agreement(joint),
+        lens_sigma=sigmas,
+        focal_sigma_percent=tuple(
+            _focal_percent(lens.params, lens.size_wh, sigma) for lens, sigma in zip(state.cameras, sigmas, strict=True)
         ),
-        tuple(position),
-        tuple(rotation),
-        centre,
-        None if centre is None else _point_sigma_m(solution, centre),
-        tuple(_coverage(joint, camera) for camera in range(count)),
-        tuple(_tilt_spread_deg(joint, camera) for camera in range(count)),
+        position_sigma_m=tuple(
+            float(np.sqrt(np.trace(change @ pose @ change.T))) for change, pose in zip(centres, poses, strict=True)
+        ),
+        rotation_sigma_deg=tuple(float(np.rad2deg(np.sqrt(np.trace(pose[:3, :3])))) for pose in poses),
+        lens_agreement=_lens_agreement(joint, alone) if lenses_given else (None,) * count,
+        scene_centre=centre,
+        scene_edges=edges,
+        coverage=tuple(coverage_of(joint, camera) for camera in range(count)),
+        covariance=covariance,
     )
 
 
-def _centre_by_pose(cam_from_rig: Pose) -> Floats:
-    """(3, 6) derivative of a camera's centre in the rig by its pose's perturbation."""
-    R, t = cam_from_rig.rotation, cam_from_rig.translation_m
-    return np.hstack([-R.T @ _cross(t), -R.T])
+def pose_covariance(joint: JointResult, covariance: RigCovariance) -> tuple[tuple[int, ...], Floats]:
+    """Free cameras and the (6n, 6n) covariance of their poses, rotation (rad) then translation (m) each."""
+    free = tuple(np.flatnonzero(joint.freedom.poses).tolist())
+    return free, covariance.of(list(product(free, range(POSE))))
 
 
-def _cross(v: Floats) -> Floats:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+def _lens_sigma(covariance: RigCovariance, camera: int, count: int) -> Floats:
+    return np.asarray(np.sqrt(np.diag(covariance.of([(camera, POSE + p) for p in range(count)])).clip(0)))
 
 
-def _lens_sigma(joint: JointResult, camera: int, alone: Floats) -> Floats:
-    if not joint.freedom.params[camera].any():
-        return alone
-    unknowns = range(POSE, POSE + len(joint.cameras[camera].params))
-    return np.asarray(np.sqrt(np.diag(joint.solution.camera_covariance(camera, unknowns))))
+def _focal_percent(params: Floats, size_wh: tuple[int, int], sigma: Floats) -> float | None:
+    relative = params[:2] / max(size_wh)
+    if not (FOCAL_RANGE[0] <= relative.min() and relative.max() <= FOCAL_RANGE[1]):
+        return None
+    return float(100 * (sigma[:2] / params[:2]).max())
 
 
 def _held_out(joint: JointResult) -> tuple[float | None, ...]:
@@ -106,7 +122,7 @@ def _held_out(joint: JointResult) -> tuple[float | None, ...]:
     order = np.unique(obs.board_idx)
     for fold in range(min(FOLDS, len(order))):
         out = np.isin(obs.board_idx, order[fold::FOLDS])
-        if not _solvable(joint, ~out):
+        if not solvable(joint, ~out):
             continue
         options = SolveOptions(sigma_px=max(joint.solution.sigma_px, 0.01), tolerance=1e-8)
         trained = solve(obs.subset(~out), state, joint.freedom, options).state
@@ -120,225 +136,44 @@ def _held_out(joint: JointResult) -> tuple[float | None, ...]:
     return tuple(rmse_px(np.concatenate(rows)) if rows else None for rows in squared)
 
 
-def _solvable(joint: JointResult, rows: Bools) -> bool:
-    """Whether these rows still join every camera to the first, with at least three boards in each."""
-    obs, count = joint.observations, len(joint.cameras)
-    pairs = {(int(c), int(b)) for c, b in zip(obs.camera_idx[rows], obs.board_idx[rows], strict=True)}
-    boards_of = [{b for c, b in pairs if c == camera} for camera in range(count)]
-    if min(len(boards) for boards in boards_of) < 3:
-        return False
-    reached, frontier = {0}, [0]
-    while frontier:
-        near = frontier.pop()
-        for other in range(count):
-            if other not in reached and boards_of[near] & boards_of[other]:
-                reached.add(other)
-                frontier.append(other)
-    return len(reached) == count
-
-
-def _split_half(joint: JointResult) -> float | None:
-    """Mahalanobis distance per root degree of freedom between the camera poses of two halves."""
-    obs, count = joint.observations, len(joint.cameras)
-    if count == 1:
-        return None
-    order = np.unique(obs.board_idx)
-    shared = [b for b in order if len(np.unique(obs.camera_idx[obs.board_idx == b])) > 1]
-    single = [b for b in order if b not in set(shared)]
-    first = np.isin(obs.board_idx, np.concatenate([shared[::2], single[::2]]))
-    if not (_solvable(joint, first) and _solvable(joint, ~first)):
-        return None
-    options = SolveOptions(sigma_px=max(joint.solution.sigma_px, 0.01))
-    halves = [solve(obs.subset(rows), joint.solution.state, joint.freedom, options) for rows in (first, ~first)]
-    wanted = [(camera, unknown) for camera in range(1, count) for unknown in range(POSE)]
-    covariance = halves[0].joint_covariance(wanted) + halves[1].joint_covariance(wanted)
-    gap = _pose_gap(halves[0].state.cam_from_rig[1:], halves[1].state.cam_from_rig[1:])
-    return float(np.sqrt(gap @ np.linalg.pinv(covariance, hermitian=True) @ gap / len(gap)))
-
-
-def _pose_gap(first: Sequence[Pose], second: Sequence[Pose]) -> Floats:
-    """(6n,) perturbations that take the second poses to the first."""
-    rows = []
-    for one, two in zip(first, second, strict=True):
-        turn = Pose(one.rotation @ two.rotation.T, np.zeros(3)).rvec_rad
-        rows.append(np.concatenate([turn, one.translation_m - two.translation_m]))
-    return np.concatenate(rows)
-
-
 def _solver_agreement(joint: JointResult) -> float:
+    """Greatest difference of a pose from the second solver's, over its sigma; neither with weights, as it has none."""
     solution = joint.solution
     free = [bool(params.any()) for params in joint.freedom.params]
-    held_cameras = State(solution.state.cameras, joint.start.cam_from_rig, joint.start.rig_from_board)
-    opinion = solve_with_colmap(joint.observations, held_cameras, free_lenses=free)
+    held_cameras = replace(joint.start, cameras=solution.state.cameras, bow_m=solution.state.bow_m)
     if len(joint.cameras) == 1:
         return 0.0
-    gap = _pose_gap(solution.state.cam_from_rig[1:], opinion.cam_from_rig[1:])
+    alike = replace(joint.observations, weights=np.ones(len(joint.observations)))
+    opinion = solve_with_colmap(alike, held_cameras, free_lenses=free)
+    ours = solution.state
+    if not np.array_equal(alike.weights, joint.observations.weights):
+        ours = solve(alike, ours, joint.freedom, SolveOptions(sigma_px=max(solution.sigma_px, 0.01))).state
+    gap = pose_gap(ours.cam_from_rig[1:], opinion.cam_from_rig[1:])
     wanted = [(camera, unknown) for camera in range(1, len(joint.cameras)) for unknown in range(POSE)]
     sigma = np.sqrt(np.diag(solution.joint_covariance(wanted)))
     return float((np.abs(gap) / np.maximum(sigma, 1e-9)).max())
 
 
-def _scene_centre(joint: JointResult) -> Floats | None:
-    obs = joint.observations
-    middle = obs.corners_in_board.mean(axis=0)
-    centres = [
-        joint.solution.state.rig_from_board[int(b)].apply(middle)
-        for b in np.unique(obs.board_idx)
-        if len(np.unique(obs.camera_idx[obs.board_idx == b])) > 1
-    ]
-    return np.mean(centres, axis=0) if centres else None
+def _lens_agreement(joint: JointResult, alone: Sequence[Floats]) -> tuple[float, ...]:
+    """Greatest difference of each given lens from what this capture says of it, over its sigma: focal length or centre.
 
-
-def _point_sigma_m(solution: Solution, point_in_rig: Floats) -> float | None:
-    """One sigma of the place where all cameras that see the point triangulate it, from the rig's covariance.
-
-    With ``J`` the derivative of the pixels by the point and ``G`` by the cameras' unknowns, a small error ``d`` of the
-    unknowns moves the point by ``-(J^T J)^-1 J^T G d``.
+    The rig is solved again with the lenses free, under a prior on the focal length that is too weak to matter where
+    the views tell anything of it.
     """
-    state = solution.state
-    wanted: list[tuple[int, int]] = []
-    J, G = [], []
-    for camera, (lens, pose) in enumerate(zip(state.cameras, state.cam_from_rig, strict=True)):
-        in_cam = pose.apply(point_in_rig)
-        pixel = lens.project(in_cam)
-        if not (np.isfinite(pixel).all() and (pixel >= 0).all() and (pixel < lens.size_wh).all()):
-            continue
-        _, by_point, by_params = lens.project_with_jacobians(in_cam[None])
-        J.append(by_point[0] @ pose.rotation)
-        turned = pose.rotation @ point_in_rig
-        G.append(np.hstack([-by_point[0] @ _cross(turned), by_point[0], by_params[0]]))
-        wanted += [(camera, unknown) for unknown in range(POSE + len(lens.params))]
-    if len(J) < 2:
-        return None
-    stacked = np.vstack(J)
-    by_unknowns = np.zeros((len(stacked), len(wanted)))
-    column = 0
-    for row, block in enumerate(G):
-        by_unknowns[2 * row : 2 * row + 2, column : column + block.shape[1]] = block
-        column += block.shape[1]
-    moved = np.linalg.solve(stacked.T @ stacked, stacked.T @ by_unknowns)
-    return float(np.sqrt(np.trace(moved @ solution.joint_covariance(wanted) @ moved.T)))
-
-
-def _coverage(joint: JointResult, camera: int) -> float:
-    """Share of the image inside the outlines of the boards, on a grid of 64 cells along the longer side."""
-    obs = joint.observations
-    width, height = joint.cameras[camera].size_wh
-    scale = 64 / max(width, height)
-    mask = np.zeros((max(round(height * scale), 1), max(round(width * scale), 1)), dtype=np.uint8)
-    mine = obs.camera_idx == camera
-    for board in np.unique(obs.board_idx[mine]):
-        corners = (obs.pixels[mine & (obs.board_idx == board)] * scale).astype(np.float32)
-        outline = np.rint(cv2.convexHull(corners)).astype(np.int32)
-        cv2.fillConvexPoly(mask, outline, 1)
-    return float(mask.mean())
-
-
-def _tilt_spread_deg(joint: JointResult, camera: int) -> float:
-    obs, state = joint.observations, joint.solution.state
-    boards = np.unique(obs.board_idx[obs.camera_idx == camera])
-    normals = np.array([(state.cam_from_rig[camera] @ state.rig_from_board[int(b)]).rotation[:, 2] for b in boards])
-    mean = normals.mean(axis=0)
-    cosines = np.clip(normals @ (mean / np.linalg.norm(mean)), -1, 1)
-    return float(np.rad2deg(np.sqrt((np.arccos(cosines) ** 2).mean())))
-
-
-@dataclass(frozen=True, slots=True)
-class Gate:
-    """One judged figure."""
-
-    name: str
-    """Field of :class:`rigcal.site.GateLimits`."""
-    camera: str | None
-    """The camera it is about; None: the whole rig."""
-    value: float | None
-    """None where it could not be measured, which fails the gate."""
-    limit: float
-    passed: bool
-    advice: str | None
-    """The next action, where the gate failed."""
-
-
-AT_LEAST = frozenset({"views", "tilt_spread_deg", "image_coverage", "chain_overlap_views"})
-"""Gates whose value must not fall below the limit; all others must not exceed it."""
-
-_ADVICE: Mapping[str, str] = {
-    "intrinsic_rmse_px": "show {camera} a sharp, still board again; check that the board is stiff and flat",
-    "pairwise_rmse_px": "hold the board still while {camera} and its neighbour on the chain both see it; check that "
-    "their images are taken at the same time",
-    "refined_rmse_px": "look at {camera}'s dropped views in the report; hold the board still, and check that the "
-    "cameras' images are taken at the same time",
-    "held_out_ratio": "add views to {camera}: other distances, tilts of 20-45 degrees, every corner of the image",
-    "focal_sigma_percent": "show {camera} the board tilted by 30 degrees or more, at near and far distances",
-    "position_sigma_m": "show the board to {camera} and {parent} together, nearer and tilted, in 10 or more positions",
-    "scene_sigma_m": "show the board to several cameras together in the middle of the scene, in 10 or more positions",
-    "split_half": "add shared views in other places; if it stays, the board bends, or moves between exposures",
-    "solver_agreement": "add shared views: the two solvers found different rigs, so the views do not determine it",
-    "views": "show the board to {camera} in more positions",
-    "tilt_spread_deg": "tilt the board by 20-45 degrees to all sides in front of {camera}",
-    "image_coverage": "show the board in every corner of {camera}'s image, and near enough to fill a quarter of it",
-    "chain_overlap_views": "show the board to {camera} and {parent} together in more positions",
-}
-
-
-@dataclass(frozen=True, slots=True)
-class CameraFigures:
-    """Figures of one camera that the gates judge beside the joint quality."""
-
-    camera_id: str
-    parent_id: str | None
-    """The camera before it on its chain; None for the reference."""
-    intrinsic_rmse_px: float | None
-    pairwise_rmse_px: float | None
-    refined_rmse_px: float
-    views: int
-    chain_overlap_views: int | None
-
-
-def judge(figures: Sequence[CameraFigures], quality: JointQuality, limits: Mapping[str, float]) -> tuple[Gate, ...]:
-    """Every gate, per camera and for the rig; ``limits`` by name, as in :class:`rigcal.site.GateLimits`."""
-    gates: list[Gate] = []
-
-    def add(name: str, value: float | None, camera: CameraFigures | None) -> None:
-        limit = float(limits[name])
-        passed = value is not None and (value >= limit if name in AT_LEAST else value <= limit)
-        advice = None
-        if not passed:
-            advice = _ADVICE[name].format(
-                camera=camera.camera_id if camera else "", parent=camera.parent_id if camera else ""
-            )
-            if value is None:
-                advice = "too few views to measure this: " + advice
-        rounded = None if value is None else float(f"{value:.6g}")
-        gates.append(Gate(name, camera.camera_id if camera else None, rounded, limit, passed, advice))
-
-    for index, camera in enumerate(figures):
-        held = quality.held_out_px[index]
-        if camera.intrinsic_rmse_px is not None:
-            add("intrinsic_rmse_px", camera.intrinsic_rmse_px, camera)
-        add("refined_rmse_px", camera.refined_rmse_px, camera)
-        add("held_out_ratio", None if held is None else held / max(camera.refined_rmse_px, 1e-9), camera)
-        add("focal_sigma_percent", quality.focal_sigma_percent[index], camera)
-        add("views", camera.views, camera)
-        add("tilt_spread_deg", quality.tilt_spread_deg[index], camera)
-        add("image_coverage", quality.image_coverage[index], camera)
-        if camera.parent_id is not None:
-            add("pairwise_rmse_px", camera.pairwise_rmse_px, camera)
-            add("position_sigma_m", quality.position_sigma_m[index], camera)
-            add("chain_overlap_views", camera.chain_overlap_views, camera)
-    if len(figures) > 1:
-        add("scene_sigma_m", quality.scene_sigma_m, None)
-        add("split_half", quality.split_half, None)
-        add("solver_agreement", quality.solver_agreement, None)
-    return tuple(gates)
-
-
-def verdict(gates: Sequence[Gate]) -> str:
-    """``PASS`` where every gate passed, else ``RECAPTURE``."""
-    return "PASS" if all(gate.passed for gate in gates) else "RECAPTURE"
-
-
-def joint_camera_covariance(solution: Solution) -> tuple[tuple[int, ...], Floats]:
-    """Free cameras and the (6n, 6n) covariance of their poses, rotation (rad) then translation (m) each."""
-    free = tuple(camera for camera in range(len(solution.state.cameras)) if (camera, 0) in set(solution.index))
-    return free, solution.joint_covariance(list(product(free, range(POSE))))
+    state = joint.solution.state
+    measured = np.array([[0.5, 0.5, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])  # the mean focal length, cx and cy
+    free = lens_freedom(state.cameras, poses_free=tuple(joint.freedom.poses.tolist()))
+    means, information = [], []
+    for camera, mean, weight in zip(state.cameras, free.prior_mean, free.prior_information, strict=True):
+        weak = np.zeros(len(mean))
+        weak[:2] = (_WEAK_FOCAL * camera.params[:2]) ** -2.0
+        means.append(np.where(weak > 0, camera.params, mean))
+        information.append(weight + np.diag(weak))
+    free = replace(free, prior_mean=tuple(means), prior_information=tuple(information), bow=joint.freedom.bow)
+    solution = solve(joint.observations, state, free, SolveOptions(sigma_px=max(joint.solution.sigma_px, 0.01)))
+    found = []
+    for index, (given, said) in enumerate(zip(state.cameras, solution.state.cameras, strict=True)):
+        gap = measured @ (said.params - given.params)[:4]
+        covariance = solution.camera_covariance(index, range(POSE, POSE + 4)) + alone[index][:4, :4]
+        found.append(float((np.abs(gap) / np.sqrt(np.diag(measured @ covariance @ measured.T))).max()))
+    return tuple(found)

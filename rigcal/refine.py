@@ -32,6 +32,7 @@ from rigcal.intrinsics import IntrinsicsResult, lens_freedom
 from rigcal.outliers import RejectionRule
 from rigcal.placing import Groups, PlacedBoards, groups_of_views, place_boards
 from rigcal.robust import RobustSolution, solve_robustly
+from rigcal.sisters import LensPrior, with_priors
 
 _EXACT_PX = 0.01  # a detector is never nearer: below it, growth of a residual is rounding
 
@@ -65,6 +66,8 @@ class JointResult:
     """Where the solve began: the chain and the lenses calibrated alone."""
     findings: tuple[tuple[int, Finding], ...]
     """(camera index, what was done)."""
+    contradictions: tuple[tuple[int, Finding], ...]
+    """Those of them that say that a view contradicts others, or is wrong by itself."""
     noisy: tuple[int, ...]
     """Cameras whose lens was held at its own calibration, since shared views contradict it."""
     order_of: Mapping[tuple[int, int], int]
@@ -92,6 +95,8 @@ def refine_rig(
     instants: Instants,
     cam_from_rig: Sequence[Pose],
     options: RefineOptions,
+    *,
+    priors: Sequence[LensPrior | None] = (),
 ) -> JointResult:
     """Solve the whole rig.
 
@@ -102,13 +107,14 @@ def refine_rig(
         instants: Which frames belong together.
         cam_from_rig: Starting poses, the first the identity.
         options: Limits.
+        priors: Per camera what its sisters tell of its lens.
     """
     cameras = tuple(lens.camera for lens in lenses)
     names = Names(tuple(lens.camera_id for lens in lenses), tuple(frames))
     groups = groups_of_views(lenses, instants, names)
     placed = place_boards(board, cameras, cam_from_rig, groups.views, names, options.clip_px)
     observations = Observations.of(board.corners_in_board, placed.entries, _weights(groups, placed, lenses))
-    freedom = lens_freedom(cameras, poses_free=(False, *[True] * (len(cameras) - 1)))
+    freedom = with_priors(lens_freedom(cameras, poses_free=(False, *[True] * (len(cameras) - 1))), priors)
     if not options.free_lenses:
         freedom = Freedom(tuple(np.zeros(len(c.params), dtype=bool) for c in cameras), freedom.poses)
     freedom = replace(freedom, bow=options.bow)
@@ -120,7 +126,9 @@ def refine_rig(
         solved = solve_robustly(observations, start, freedom, names, options.rule)
     _require_joined(solved, names)
     findings = (*groups.findings, *placed.findings, *solved.findings)
-    return JointResult(solved.solution, solved.observations, freedom, start, findings, noisy, placed.order_of)
+    return JointResult(
+        solved.solution, solved.observations, freedom, start, findings, solved.findings, noisy, placed.order_of
+    )
 
 
 def _require_joined(solved: RobustSolution, names: Names) -> None:

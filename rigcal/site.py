@@ -6,11 +6,21 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PositiveFloat,
+    PositiveInt,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from rigcal.board import Board, parse_board
 from rigcal.camera import MODELS
-from rigcal.errors import BoardSpecError, SiteFileError
+from rigcal.errors import BoardSpecError, MeasuredLengthError, SiteFileError
+from rigcal.measured import MeasuredDistance, measured_distance
 
 Ratio = Annotated[float, Field(gt=0, le=1)]
 
@@ -40,7 +50,7 @@ class GateLimits(_Strict):
         default=0.02, description="one sigma of a triangulated point at the scene's centre, at most"
     )
     split_half: PositiveFloat = Field(
-        default=5.0, description="difference of two halves of the views solved apart, over its own sigma, at most"
+        default=3.0, description="difference of two halves of the views solved apart, over its own sigma, at most"
     )
     solver_agreement: PositiveFloat = Field(
         default=1.0, description="difference from an independent second solver, over its own sigma, at most"
@@ -50,13 +60,24 @@ class GateLimits(_Strict):
         default=15.0, description="spread of the board's tilt over the views of a camera, at least"
     )
     image_coverage: Ratio = Field(
-        default=0.25, description="share of a camera's image that board views covered, at least"
+        default=0.2, description="share of a camera's image that board views covered, at least"
     )
     chain_overlap_views: PositiveInt = Field(
         default=4, description="shared board views of each pair on the chain to the reference, at least"
     )
     scale_percent: PositiveFloat = Field(
         default=2.0, description="difference of a measured length from the given one, where one was given, at most"
+    )
+    sister_percent: PositiveFloat = Field(
+        default=2.0,
+        description="difference of a camera's focal length from that of cameras declared alike, at most",
+    )
+    lens_agreement: PositiveFloat = Field(
+        default=5.0,
+        description="difference of a given lens from what this capture says of it, over its own sigma, at most",
+    )
+    dropped_share: Ratio = Field(
+        default=0.3, description="share of a camera's board views that contradict the rest and were dropped, at most"
     )
     clock_error_m: PositiveFloat = Field(
         default=0.02, description="fastest motion times clock error, where clocks were measured, at most"
@@ -75,6 +96,8 @@ class SiteCamera(_Strict):
     capture_latency_s: float | None = None
     capture_latency_bound_s: Annotated[float, Field(ge=0)] | None = None
     model: str | None = None
+    like: str | None = None
+    """Another camera, of which this one is a copy with a copy of its lens at the same zoom and focus."""
 
     @field_validator("model")
     @classmethod
@@ -84,6 +107,21 @@ class SiteCamera(_Strict):
         return value
 
 
+class SiteDistance(_Strict):
+    """A tape between two cameras."""
+
+    cameras: tuple[str, str]
+    length: str
+
+    @model_validator(mode="after")
+    def _readable(self) -> SiteDistance:
+        try:
+            measured_distance(self.cameras, self.length, "[[distances]]")
+        except MeasuredLengthError as error:
+            raise ValueError(error.what) from error
+        return self
+
+
 class Site(_Strict):
     """A site: its cameras in order (the first is the reference), its board and its limits."""
 
@@ -91,6 +129,7 @@ class Site(_Strict):
     board: str | None = None
     fastest_motion_m_per_s: PositiveFloat = 2.0
     cameras: tuple[SiteCamera, ...] = Field(min_length=1)
+    distances: tuple[SiteDistance, ...] = ()
     gates: GateLimits = GateLimits()
 
     @field_validator("board")
@@ -111,6 +150,34 @@ class Site(_Strict):
         if repeated:
             raise ValueError(f"camera ids repeat: {', '.join(repeated)}")
         return value
+
+    @model_validator(mode="after")
+    def _known_cameras(self) -> Site:
+        ids = [camera.id for camera in self.cameras]
+        for camera in self.cameras:
+            if camera.like is not None and (camera.like not in ids or camera.like == camera.id):
+                others = ", ".join(other for other in ids if other != camera.id) or "none"
+                raise ValueError(f"camera {camera.id} is like {camera.like!r}, not one of the other cameras: {others}")
+        for distance in self.distances:
+            if unknown := set(distance.cameras) - set(ids):
+                raise ValueError(f"a distance names {', '.join(sorted(unknown))}; the cameras are {', '.join(ids)}")
+        return self
+
+    @property
+    def measured_distances(self) -> tuple[MeasuredDistance, ...]:
+        """The distances between cameras that the file holds."""
+        return tuple(measured_distance(d.cameras, d.length, "[[distances]]") for d in self.distances)
+
+    @property
+    def sisters(self) -> tuple[tuple[str, ...], ...]:
+        """Groups of cameras that the file declares alike."""
+        group = {camera.id: camera.id for camera in self.cameras}
+        for camera in self.cameras:
+            if camera.like is not None:
+                old, new = group[camera.id], group[camera.like]
+                group = {one: new if name == old else name for one, name in group.items()}
+        groups = (tuple(one for one, name in group.items() if name == first) for first in dict.fromkeys(group.values()))
+        return tuple(members for members in groups if len(members) > 1)
 
     @property
     def calibration_board(self) -> Board | None:

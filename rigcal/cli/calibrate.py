@@ -43,6 +43,7 @@ DistanceOption = Annotated[
         help="Tape between two cameras' lenses, such as cam0,cam1:2.41m: checks the scale. May be repeated.",
     ),
 ]
+BowOption = Annotated[bool, typer.Option("--board-bow", help="Also estimate how far the board bends.")]
 SquareOption = Annotated[
     str | None,
     typer.Option(
@@ -72,6 +73,7 @@ def calibrate(
     model: ModelOption = "auto",
     distance: DistanceOption = None,
     measured_square: SquareOption = None,
+    board_bow: BowOption = False,
     cache: CacheOption = True,
     as_json: JsonOption = False,
 ) -> None:
@@ -80,7 +82,8 @@ def calibrate(
     Exit code 0: PASS; 1: RECAPTURE, the file is still written; 2: bad input.
     """
     lengths = _Lengths(tuple(distance or ()), measured_square)
-    document = _calibrate("calibrate", capture, output, board, site, intrinsics, model, lengths, cache)
+    options = _options(model, lenses_free=intrinsics is None, bow=board_bow)
+    document = _calibrate("calibrate", capture, output, board, site, intrinsics, options, lengths, cache)
     finish(document, output, as_json)
 
 
@@ -100,7 +103,8 @@ def extrinsics(
 ) -> None:
     """Place cameras whose lenses are known: calibrate with --intrinsics."""
     lengths = _Lengths(tuple(distance or ()), measured_square)
-    document = _calibrate("extrinsics", capture, output, board, site, intrinsics, "auto", lengths, cache)
+    options = _options("auto", lenses_free=False)
+    document = _calibrate("extrinsics", capture, output, board, site, intrinsics, options, lengths, cache)
     finish(document, output, as_json)
 
 
@@ -143,7 +147,7 @@ def _calibrate(
     board: str | None,
     site_path: Path | None,
     intrinsics_path: Path | None,
-    model: str,
+    options: CalibrateOptions,
     lengths: _Lengths,
     cache: bool,
 ) -> RigDocument:
@@ -158,7 +162,6 @@ def _calibrate(
 
     site = site_of(site_path)
     known = _known(site, lengths)
-    options = _options(model, lenses_free=intrinsics_path is None)
     detections = find_boards(capture, board_of(board, site), site, cache)
     require_cameras(known.distances, detections.camera_ids)
     lenses = _lenses(detections, site, intrinsics_path, options, cache)
@@ -171,7 +174,8 @@ def _calibrate(
         command=command,
         options={
             "board": detections.board.spec,
-            "model": model,
+            "model": options.model,
+            "board_bow": options.refine.bow,
             "intrinsics_given": intrinsics_path is not None,
             "distances": [distance.spec for distance in known.distances],
             "measured_square": known.square.text if known.square else None,
@@ -215,8 +219,8 @@ def _lenses(
     return hold_lenses(detections, known, options)
 
 
-def _options(model: str, *, lenses_free: bool = True) -> CalibrateOptions:
+def _options(model: str, *, lenses_free: bool = True, bow: bool = False) -> CalibrateOptions:
     from rigcal.pipeline import CalibrateOptions
     from rigcal.refine import RefineOptions
 
-    return CalibrateOptions(model, refine=RefineOptions(free_lenses=lenses_free))
+    return CalibrateOptions(model, refine=RefineOptions(free_lenses=lenses_free, bow=bow))

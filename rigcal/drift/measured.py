@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -20,7 +19,7 @@ from rigcal.detections import SiteDetections
 from rigcal.geometry import Floats
 from rigcal.graph import chain_to_reference
 from rigcal.intrinsics import IntrinsicsResult
-from rigcal.pairwise import MIN_SHARED_VIEWS, PairPose, PairwiseOptions, solve_pair
+from rigcal.pairwise import MIN_SHARED_VIEWS, PairPose, Pairs, PairwiseOptions, solve_pairs
 from rigcal.refine import JointResult, RefineOptions, refine_rig
 from rigcal.relative import RelativePoses
 from rigcal.rigviews import of_cameras
@@ -60,7 +59,7 @@ def measured_groups(detections: SiteDetections, lenses: Mapping[str, IntrinsicsR
     """Solve the cameras in ``lenses`` afresh, in groups that shared views join; cameras alone are in none."""
     ids = [camera_id for camera_id in detections.camera_ids if camera_id in lenses]
     part = of_cameras(detections, ids)
-    pairs = _pairs(part, [lenses[camera_id] for camera_id in ids])
+    pairs = solve_pairs(part.board, [lenses[camera_id] for camera_id in ids], part.instants, PairwiseOptions()).solved
     edges = np.array([(pair.first, pair.second) for pair in pairs], dtype=np.int64).reshape(-1, 2)
     joined = coo_array((np.ones(len(edges)), edges.T), shape=(len(ids), len(ids)))
     count, label = connected_components(joined, directed=False)
@@ -68,26 +67,11 @@ def measured_groups(detections: SiteDetections, lenses: Mapping[str, IntrinsicsR
     return tuple(_solved(part, group, lenses, pairs) for group in members if len(group) > 1)
 
 
-def _pairs(detections: SiteDetections, lenses: Sequence[IntrinsicsResult]) -> list[PairPose]:
-    by_frame = [{view.frame_idx: view for view in lens.views} for lens in lenses]
-    found = []
-    for first, second in combinations(range(len(lenses)), 2):
-        shared = [
-            (instant, by_frame[first][int(row[first])], by_frame[second][int(row[second])])
-            for instant, row in enumerate(detections.instants.frame_idx)
-            if int(row[first]) in by_frame[first] and int(row[second]) in by_frame[second]
-        ]
-        if len(shared) < MIN_SHARED_VIEWS:
-            continue
-        cameras = (lenses[first].camera, lenses[second].camera)
-        pair = solve_pair(detections.board, cameras, shared, (first, second), PairwiseOptions())
-        if pair is not None:
-            found.append(pair)
-    return found
-
-
 def _solved(
-    detections: SiteDetections, members: Sequence[int], lenses: Mapping[str, IntrinsicsResult], pairs: list[PairPose]
+    detections: SiteDetections,
+    members: Sequence[int],
+    lenses: Mapping[str, IntrinsicsResult],
+    pairs: Sequence[PairPose],
 ) -> MeasuredGroup:
     ids = tuple(detections.camera_ids[c] for c in members)
     part = of_cameras(detections, ids)
@@ -95,7 +79,7 @@ def _solved(
     own_pairs = tuple(
         replace(pair, first=place[pair.first], second=place[pair.second]) for pair in pairs if pair.first in place
     )
-    chain = chain_to_reference(ids, own_pairs, needed_views=MIN_SHARED_VIEWS)
+    chain = chain_to_reference(ids, Pairs(own_pairs, {}), needed_views=MIN_SHARED_VIEWS)
     joint = refine_rig(
         part.board,
         [lenses[camera_id] for camera_id in ids],

@@ -40,7 +40,9 @@ def test_lengths_carry_their_unit(text, metres):
         ("charuco:4x5:54mm:dict=DICT_9X9", "unknown dictionary"),
         ("charuco:4x5:54mm:inverted=yes", "inverted=yes"),
         ("charuco:2x5:54mm", "too few squares"),
+        ("charuco:14x9:54mm:dict=DICT_4X4_50", "it needs 63 markers, DICT_4X4_50 has 50"),
         ("aprilgrid:6x6:88mm:family=tag99", "unknown family"),
+        ("aprilgrid:6x6:88mm:family=tag16h5", "it needs 36 markers, DICT_APRILTAG_16H5 has 30"),
         ("aprilgrid:6x6:88mm:border=3", "border=3"),
     ],
 )

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from rigcal.board import Charuco, Checkerboard
 from rigcal.boardpose import board_poses
@@ -15,7 +16,7 @@ from rigcal.geometry import Pose
 from rigcal.graph import chain_to_reference
 from rigcal.intrinsics import IntrinsicsOptions, calibrate_camera, choose_model, hold_camera
 from rigcal.order import corner_orders, reordered
-from rigcal.pairwise import PairPose, PairwiseOptions, solve_pair
+from rigcal.pairwise import PairPose, Pairs, PairwiseOptions, solve_pair
 from rigcal.pipeline import CalibrateOptions, calibrate_lenses, calibrate_site
 from rigcal.refine import RefineOptions, refine_rig
 from rigcal.site import GateLimits
@@ -142,6 +143,17 @@ def test_the_planar_ambiguity_gives_both_poses_best_first():
     assert [c.rmse_px for c in found] == sorted(c.rmse_px for c in found)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("tilt_deg", [(0, 0, 0), (35, 0, 0), (0, 35, 0), (-20, 10, 150)])
+def test_a_board_is_placed_exactly_from_its_front_and_from_its_back(tilt_deg, side):
+    camera = arc_rig(1).cameras[0].camera
+    turn = Rotation.from_euler("xyz", tilt_deg, degrees=True).as_matrix() @ np.diag([side, 1.0, side])
+    true = Pose(turn, np.array([0.1, -0.1, 2.0]))
+    view = BoardView(0, np.arange(54), camera.project(true.apply(BOARD.corners_in_board)))
+    best = board_poses(camera, BOARD.corners_in_board, view)[0]
+    assert_pose_close(best.cam_from_board, true, max_deg=1e-5, max_m=1e-6)
+
+
 def test_collinear_corners_have_no_pose():
     rig, detections = capture(2, noise_px=0.0)
     view = detections.cameras[0].views[0]
@@ -224,7 +236,7 @@ def made_pair(first, second, x_m, sigma):
 
 def test_the_chain_prefers_the_path_of_least_variance():
     pairs = [made_pair(0, 1, 1.0, 1e-3), made_pair(1, 2, 1.0, 1e-3), made_pair(0, 2, 2.5, 1e-2)]
-    chain = chain_to_reference(["a", "b", "c"], pairs, needed_views=4)
+    chain = chain_to_reference(["a", "b", "c"], Pairs(tuple(pairs), {}), needed_views=4)
     assert chain.paths == ((0,), (0, 1), (0, 1, 2))
     assert np.allclose(chain.cam_from_rig[2].translation_m, [2.0, 0, 0])
     assert chain.links[0] is None
@@ -232,13 +244,14 @@ def test_the_chain_prefers_the_path_of_least_variance():
 
 
 def test_the_chain_runs_pairs_backwards_where_it_must():
-    chain = chain_to_reference(["a", "b"], [made_pair(1, 0, 1.0, 1e-3)], needed_views=4)
+    chain = chain_to_reference(["a", "b"], Pairs((made_pair(1, 0, 1.0, 1e-3),), {}), needed_views=4)
     assert np.allclose(chain.cam_from_rig[1].translation_m, [-1.0, 0, 0])
 
 
 def test_unconnected_cameras_are_named_with_the_capture_that_would_join_them():
+    pairs = Pairs((made_pair(0, 1, 1, 1e-3), made_pair(2, 3, 1, 1e-3)), {})
     with pytest.raises(NotConnectedError) as caught:
-        chain_to_reference(["a", "b", "c", "d"], [made_pair(0, 1, 1, 1e-3), made_pair(2, 3, 1, 1e-3)], needed_views=4)
+        chain_to_reference(["a", "b", "c", "d"], pairs, needed_views=4)
     message = str(caught.value)
     assert "cameras are not connected to a: no shared board views join 2 groups" in message
     assert "groups {a, b}; {c, d}" in message
@@ -248,7 +261,7 @@ def test_unconnected_cameras_are_named_with_the_capture_that_would_join_them():
 def test_a_pair_that_contradicts_its_loops_carries_nothing_though_it_seems_the_most_certain():
     pairs = [made_pair(a, b, float(b - a), 1e-3) for a in range(4) for b in range(a + 1, 4) if (a, b) != (0, 2)]
     wrong = made_pair(0, 2, 2.4, 1e-4)
-    chain = chain_to_reference(["a", "b", "c", "d"], [*pairs, wrong], needed_views=4)
+    chain = chain_to_reference(["a", "b", "c", "d"], Pairs((*pairs, wrong), {}), needed_views=4)
     assert chain.doubted == (wrong,)
     assert np.allclose([pose.translation_m[0] for pose in chain.cam_from_rig], [0, 1, 2, 3])
     assert max(loop.gap_m for loop in chain.loops) < 1e-12
@@ -256,20 +269,28 @@ def test_a_pair_that_contradicts_its_loops_carries_nothing_though_it_seems_the_m
 
 def test_of_a_single_open_loop_the_least_certain_pair_is_doubted():
     pairs = [made_pair(0, 1, 1, 1e-3), made_pair(1, 2, 1, 3e-3), made_pair(2, 3, 1, 1e-3), made_pair(0, 3, 3.5, 2e-3)]
-    chain = chain_to_reference(["a", "b", "c", "d"], pairs, needed_views=4)
+    chain = chain_to_reference(["a", "b", "c", "d"], Pairs(tuple(pairs), {}), needed_views=4)
     assert chain.doubted == (pairs[1],)
     assert chain.loops == ()
 
 
 def test_loops_say_how_far_the_pairs_are_from_closing_and_the_weakest_link_is_known():
     pairs = [made_pair(0, 1, 1, 1e-3), made_pair(1, 2, 1, 2e-3), made_pair(0, 2, 2.03, 5e-3)]
-    chain = chain_to_reference(["a", "b", "c"], pairs, needed_views=4)
+    chain = chain_to_reference(["a", "b", "c"], Pairs(tuple(pairs), {}), needed_views=4)
     (loop,) = chain.loops
     assert (loop.first, loop.second, loop.path) == (0, 2, (0, 1, 2))
     assert loop.gap_m == pytest.approx(0.03)
     assert loop.gap_share == pytest.approx(0.01)
     assert (chain.weakest.first, chain.weakest.second) == (1, 2)
     assert chain.doubted == ()
+
+
+def test_shared_views_that_no_pose_explains_are_not_called_missing():
+    with pytest.raises(NotConnectedError) as caught:
+        chain_to_reference(["a", "b", "c"], Pairs((made_pair(0, 1, 1, 1e-3),), {(1, 2): 12}), needed_views=4)
+    message = str(caught.value)
+    assert "got:      b and c share 12 views, but no place of the cameras explains them" in message
+    assert "do next:  check that no camera mirrors its image, that images of equal number or time were taken" in message
 
 
 # --- joint solve ----------------------------------------------------------------------------------------------------

@@ -70,6 +70,25 @@ def test_one_video_per_camera(tmp_path):
     assert image.shape == (48, 64, 3)
 
 
+@pytest.mark.parametrize("codec", ["mpeg4", "libx264"])
+def test_wanted_frames_of_a_video_are_the_same_as_among_all(tmp_path, codec):
+    rng = np.random.default_rng(0)
+    with av.open(str(tmp_path / "cam.mp4"), "w") as container:
+        stream = container.add_stream(codec, rate=Fraction(25), options={"bf": "3"})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for index in range(60):
+            image = np.roll(rng.integers(0, 255, (48, 64), dtype=np.uint8) // 8 + 4 * index % 200, index, axis=1)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray").reformat(format="yuv420p")))
+        container.mux(stream.encode())
+    camera = open_capture(tmp_path).cameras[0]
+    every = dict(read_frames(camera))
+    assert sorted(every) == list(range(60))
+    for wanted in ({3, 10, 17, 59}, {0}, set(range(0, 60, 7))):
+        some = dict(read_frames(camera, wanted=wanted))
+        assert sorted(some) == sorted(wanted)
+        assert all(np.array_equal(image, every[index]) for index, image in some.items())
+
+
 def test_the_site_file_orders_the_cameras_and_must_name_them_all(tmp_path):
     for camera in ("a", "b"):
         write(tmp_path / camera / "0.png")

@@ -69,6 +69,44 @@ def test_a_mistake_is_named_with_its_place(tmp_path, change, entry, words):
     assert f"do next:  mend or remove {entry}" in message
 
 
+def test_cameras_may_be_declared_alike(tmp_path):
+    cameras = "".join(
+        f'[[cameras]]\nid = "c{i}"\n{like}\n' for i, like in enumerate(["", 'like = "c0"', "", 'like = "c1"'])
+    )
+    site = load_site(written(tmp_path, 'site = "hall"\n' + cameras))
+    assert site.sisters == (("c0", "c1", "c3"),)
+    assert load_site(written(tmp_path, GOOD)).sisters == ()
+
+
+def test_measured_distances_stand_in_the_file(tmp_path):
+    site = load_site(written(tmp_path, GOOD + '[[distances]]\ncameras = ["cam0", "cam1"]\nlength = "2.41m"\n'))
+    (distance,) = site.measured_distances
+    assert distance.cameras == ("cam0", "cam1")
+    assert distance.length.length_m == 2.41
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('[[distances]]\ncameras = ["cam0", "cam1"]\nlength = "2.41"\n', "the size '2.41' has no unit"),
+        (
+            '[[distances]]\ncameras = ["cam0", "cam9"]\nlength = "2.41m"\n',
+            "a distance names cam9; the cameras are cam0, cam1",
+        ),
+        ('[[distances]]\ncameras = ["cam0", "cam0"]\nlength = "2.41m"\n', "both ends are camera cam0"),
+        (
+            '[[cameras]]\nid = "cam2"\nlike = "cam9"\n',
+            "camera cam2 is like 'cam9', not one of the other cameras: cam0, cam1",
+        ),
+        ('[[cameras]]\nid = "cam2"\nlike = "cam2"\n', "camera cam2 is like 'cam2'"),
+    ],
+)
+def test_what_contradicts_the_cameras_is_refused(tmp_path, text, words):
+    with pytest.raises(SiteFileError) as caught:
+        load_site(written(tmp_path, GOOD + text))
+    assert words in str(caught.value).replace("value error, ", "")
+
+
 def test_absent_and_unreadable_files_are_told_apart(tmp_path):
     with pytest.raises(SiteFileError, match="no such file"):
         load_site(tmp_path / "none.site.toml")

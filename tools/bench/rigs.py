@@ -121,7 +121,7 @@ def _site(
     seed: int,
     noise_px: float,
 ) -> BenchSite:
-    rng = np.random.default_rng((seed, len(positions_m), sum(name.encode())))
+    rng = np.random.default_rng((seed, len(positions_m), sum(name.encode())))  # another rig, other boards
     rig = _rig(name, positions_m, targets_m, rng)
     shared = TRIPLE_BOARDS if len(groups[0]) == 3 else PAIR_BOARDS
     poses: list[Pose] = []
