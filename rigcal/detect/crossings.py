@@ -16,14 +16,14 @@ way round the board lies, and whether the board goes on beyond its last row.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from rigcal.geometry import Bools, Floats
+from rigcal.geometry import Bools, Floats, Ints
 
 LARGEST_RADIUS_PX = 12.0
 """Larger windows are fitted in a smaller image: 18 is 10 % nearer on squares of 100 px, at 3 times the cost."""
@@ -31,18 +31,24 @@ ANTI_ALIAS_PX = 0.5
 """Gaussian blur before the fit, in pixels of the image that is fitted. The model has no pixel area: without this an
 edge sharper than a pixel costs up to 0.4 px; from 0.4 to 0.8 nothing changes."""
 SMALLEST_PIXELS = 12
-"""A window with fewer pixels inside the image cannot hold the nine parameters."""
+"""A window with fewer pixels inside the image cannot hold the ten parameters."""
+LEAST_INSIDE = 0.65
+"""Share of a window: a corner at the very border of a real image, half of it unseen, came out 7 px from its place."""
 MOST_MISFIT = 0.45
 """Corners of real boards stay below 0.33 with glare and 0.1 without; grids that are no boards reach 0.7-0.9, the border
 of the printed squares 0.4-0.55."""
 FARTHEST_MOVE = 0.35
 """Of a step: a corner that moved farther from the guess has found another crossing."""
-MOST_STEPS, ENOUGH_PX = 15, 1e-3
+MOST_STEPS, ENOUGH_PX = 15, 4e-3
+"""Steps of the fit, and the length of the last: the one after it would be below a thousandth of a pixel."""
+STARTING_DAMPING, MOST_DAMPING = 1e-2, 1e4
 BLUR_PX = (0.3, 5.0)
 CHUNK = 64
 """Corners that are solved together: their derivatives stay in the processor's cache."""
 
-_X, _Y, _TURN1, _TURN2, _LEVEL, _STEP, _BLUR, _SLOPE_X, _SLOPE_Y = range(9)
+_X, _Y, _TURN1, _TURN2, _LEVEL, _STEP, _BLUR1, _BLUR2, _SLOPE_X, _SLOPE_Y = range(10)
+_BLURS = slice(_BLUR1, _BLUR2 + 1)
+_Singles: TypeAlias = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +65,8 @@ class Crossings:
     explained; 1 where the window lies outside the image."""
     moved_px: Floats
     """(n,) distance from the first guess."""
+    blur_px: Floats
+    """(n,) width of the wider of the two edges: the sigma of the Gaussian that blurs it, in pixels of the image."""
 
 
 def are_crossings(fit: Crossings, along_x_px: Floats, along_y_px: Floats) -> Bools:
@@ -71,18 +79,25 @@ def are_crossings(fit: Crossings, along_x_px: Floats, along_y_px: Floats) -> Boo
 class _Windows:
     """The pixels around each corner, in the image of the chosen scale."""
 
-    x: Floats
-    """(n, k) columns."""
-    y: Floats
-    """(n, k) rows."""
-    grey: Floats
+    x: _Singles
+    """(n, k) columns from the first guess."""
+    y: _Singles
+    """(n, k) rows from the first guess."""
+    grey: _Singles
     """(n, k) grey values, per corner with mean 0 and rms 1."""
-    weight: Floats
+    weight: _Singles
     """(n, k) 1 inside the window and the image, else 0."""
+    inside: Floats
+    """(n,) share of the window that lies inside the image."""
     rms: Floats
     """(n,) grey levels that 1 stands for."""
     radius_px: float
     """Unit of the slopes."""
+
+    def only(self, kept: Ints) -> _Windows:
+        """The windows of some corners."""
+        x, y, grey, weight = (array[kept] for array in (self.x, self.y, self.grey, self.weight))
+        return _Windows(x, y, grey, weight, self.inside[kept], self.rms[kept], self.radius_px)
 
 
 def fit_crossings(
@@ -98,38 +113,37 @@ def fit_crossings(
         reach: radius of the window in steps; it must hold nothing else than the crossing.
     """
     longest_px = reach * float(np.median(np.maximum(*(np.linalg.norm(a, axis=1) for a in (along_x_px, along_y_px)))))
-    halvings = max(0, int(np.ceil(np.log2(longest_px / LARGEST_RADIUS_PX))))
-    scale = 2.0**halvings
+    scale = max(1, int(np.ceil(longest_px / LARGEST_RADIUS_PX)))
     low = np.maximum(np.floor(corners_px.min(axis=0) - 2 * longest_px - 4 * scale).astype(int), 0)
     high = np.ceil(corners_px.max(axis=0) + 2 * longest_px + 4 * scale).astype(int)
     part = grey[low[1] : max(high[1], 0), low[0] : max(high[0], 0)]
     if part.size == 0:
-        return Crossings(
-            corners_px.copy(), np.zeros(len(corners_px)), np.ones(len(corners_px)), np.zeros(len(corners_px))
-        )
-    small = cv2.GaussianBlur(part.astype(np.float32), (0, 0), ANTI_ALIAS_PX * scale)[:: int(scale), :: int(scale)]
+        nothing = np.zeros(len(corners_px))
+        return Crossings(corners_px.copy(), nothing, nothing + 1, nothing, nothing)
+    small = cv2.GaussianBlur(part.astype(np.float32), (0, 0), ANTI_ALIAS_PX * scale)[::scale, ::scale]
     guess = (corners_px - low) / scale
     pieces = [
         _fit(small, guess[k : k + CHUNK], along_x_px[k : k + CHUNK] / scale, along_y_px[k : k + CHUNK] / scale, reach)
         for k in range(0, len(guess), CHUNK)
     ]
-    fitted, contrast, misfit = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+    fitted, contrast, misfit, blur = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
     found_px = fitted * scale + low
-    return Crossings(found_px, contrast, misfit, np.linalg.norm(found_px - corners_px, axis=1))
+    own_blur_px = scale * np.sqrt(np.maximum(blur**2 - ANTI_ALIAS_PX**2, 0))
+    return Crossings(found_px, contrast, misfit, np.linalg.norm(found_px - corners_px, axis=1), own_blur_px)
 
 
 def _fit(
     image: NDArray[Any], guess: Floats, along_x: Floats, along_y: Floats, reach: float
-) -> tuple[Floats, Floats, Floats]:
-    """Corners (n, 2), contrast (n,) and misfit (n,) in one scale of the image."""
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Corners (n, 2), contrast (n,), misfit (n,) and blur (n,) in one scale of the image."""
     windows = _windows(image, guess, along_x, along_y, reach)
-    params = _solve(_start(windows, guess, along_x, along_y), windows)
-    left = (windows.weight * (windows.grey - _model(params, windows)[0]) ** 2).sum(axis=1)
+    params, left = _solve(_start(windows, along_x, along_y), windows)
     pixels = windows.weight.sum(axis=1)
-    enough = (pixels >= SMALLEST_PIXELS) & np.isfinite(params).all(axis=1)
+    enough = (pixels >= SMALLEST_PIXELS) & (windows.inside >= LEAST_INSIDE) & np.isfinite(params).all(axis=1)
     misfit = np.where(enough, np.minimum(np.sqrt(left / np.maximum(pixels, 1)), 1.0), 1.0)
-    corners = np.where(enough[:, None], params[:, :2], guess)
-    return corners, np.where(enough, -params[:, _STEP] * windows.rms, 0.0), misfit
+    corners = guess + np.where(enough[:, None], params[:, :2], 0.0)
+    blur = np.where(enough, np.exp(params[:, _BLURS].max(axis=1)), 0.0)
+    return corners, np.where(enough, -params[:, _STEP] * windows.rms, 0.0), misfit, blur
 
 
 def _windows(image: NDArray[Any], guess: Floats, along_x: Floats, along_y: Floats, reach: float) -> _Windows:
@@ -138,26 +152,26 @@ def _windows(image: NDArray[Any], guess: Floats, along_x: Floats, along_y: Float
     longest = reach * np.maximum(np.linalg.norm(along_x, axis=1), np.linalg.norm(along_y, axis=1))
     radius = int(np.clip(np.ceil(longest.max()), 2, 2 * LARGEST_RADIUS_PX))
     rows, columns = (a.ravel() for a in np.mgrid[-radius : radius + 1, -radius : radius + 1])
-    x = np.rint(guess[:, :1]) + columns
-    y = np.rint(guess[:, 1:]) + rows
-    offset = np.stack([x - guess[:, :1], y - guess[:, 1:]], axis=-1)
-    on_board = np.linalg.solve(np.stack([along_x, along_y], axis=-1)[:, None], offset[..., None])[..., 0]
-    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    near = ((on_board**2).sum(axis=-1) <= reach**2) | ((offset**2).sum(axis=-1) <= 2.3**2)
-    weight = (inside & near).astype(np.float64)
-    used = weight.any(axis=0)
-    x, y, weight = x[:, used], y[:, used], weight[:, used]
-    grey = image[np.clip(y, 0, height - 1).astype(int), np.clip(x, 0, width - 1).astype(int)].astype(np.float64)
+    x, y = np.rint(guess[:, :1]).astype(int) + columns, np.rint(guess[:, 1:]).astype(int) + rows
+    off_x, off_y = (x - guess[:, :1]).astype(np.float32), (y - guess[:, 1:]).astype(np.float32)
+    area = along_x[:, 0] * along_y[:, 1] - along_x[:, 1] * along_y[:, 0]
+    to_board = (np.stack([along_y[:, 1], -along_y[:, 0], -along_x[:, 1], along_x[:, 0]]) / area).astype(np.float32)
+    across, down = (p[:, None] * off_x + q[:, None] * off_y for p, q in (to_board[:2], to_board[2:]))
+    near = (across**2 + down**2 <= reach**2) | (off_x**2 + off_y**2 <= 2.3**2)
+    used = near.any(axis=0)
+    x, y, off_x, off_y, near = (array[:, used] for array in (x, y, off_x, off_y, near))
+    weight = (near & (x >= 0) & (x < width) & (y >= 0) & (y < height)).astype(np.float32)
+    grey = image[np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)]
     count = np.maximum(weight.sum(axis=1, keepdims=True), 1)
-    grey -= (grey * weight).sum(axis=1, keepdims=True) / count
+    grey = grey - (grey * weight).sum(axis=1, keepdims=True) / count
     rms = np.maximum(np.sqrt((weight * grey**2).sum(axis=1, keepdims=True) / count), 1.0)
-    return _Windows(x, y, grey / rms, weight, rms[:, 0], float(radius))
+    inside = weight.sum(axis=1) / near.sum(axis=1)
+    return _Windows(off_x, off_y, grey / rms, weight, inside, rms[:, 0].astype(np.float64), float(radius))
 
 
-def _start(windows: _Windows, guess: Floats, along_x: Floats, along_y: Floats) -> Floats:
-    """(n, 9) parameters at the guess: edges along the board's axes, the sign of the step from the grey values."""
-    params = np.zeros((len(guess), 9))
-    params[:, :2] = guess
+def _start(windows: _Windows, along_x: Floats, along_y: Floats) -> Floats:
+    """(n, 10) parameters at the guess: edges along the board's axes, the sign of the step from the grey values."""
+    params = np.zeros((len(along_x), 10))
     params[:, _TURN1] = np.arctan2(along_x[:, 0], -along_x[:, 1])
     params[:, _TURN2] = np.arctan2(along_y[:, 0], -along_y[:, 1])
     params[:, _STEP] = 1.0
@@ -166,59 +180,62 @@ def _start(windows: _Windows, guess: Floats, along_x: Floats, along_y: Floats) -
     return params
 
 
-def _model(params: Floats, windows: _Windows) -> tuple[Floats, Floats]:
-    """Grey values (n, k) of the model, and their derivatives (n, k, 9) by its parameters."""
-    cos1, sin1 = np.cos(params[:, _TURN1, None]), np.sin(params[:, _TURN1, None])
-    cos2, sin2 = np.cos(params[:, _TURN2, None]), np.sin(params[:, _TURN2, None])
-    x, y = windows.x - params[:, _X, None], windows.y - params[:, _Y, None]
-    width = np.sqrt(2.0) * np.exp(params[:, _BLUR, None])
-    d1, d2 = (cos1 * x + sin1 * y) / width, (cos2 * x + sin2 * y) / width
+def _model(params: Floats, windows: _Windows) -> tuple[_Singles, _Singles]:
+    """Grey values (n, k) of the model, and their derivatives (n, 10, k) by its parameters."""
+    single = params.astype(np.float32)[..., None]
+    cos1, sin1 = np.cos(single[:, _TURN1]), np.sin(single[:, _TURN1])
+    cos2, sin2 = np.cos(single[:, _TURN2]), np.sin(single[:, _TURN2])
+    x, y = windows.x - single[:, _X], windows.y - single[:, _Y]
+    width1, width2 = (np.float32(np.sqrt(2.0)) * np.exp(single[:, blur]) for blur in (_BLUR1, _BLUR2))
+    d1, d2 = (cos1 * x + sin1 * y) / width1, (cos2 * x + sin2 * y) / width2
     side1, side2 = erf(d1), erf(d2)
-    step = params[:, _STEP, None]
-    across1 = step * side2 * (2 / np.sqrt(np.pi)) * np.exp(-(d1**2)) / width
-    across2 = step * side1 * (2 / np.sqrt(np.pi)) * np.exp(-(d2**2)) / width
-    product, slope_x, slope_y = side1 * side2, x / windows.radius_px, y / windows.radius_px
-    model = (
-        params[:, _LEVEL, None]
-        + step * product
-        + params[:, _SLOPE_X, None] * slope_x
-        + params[:, _SLOPE_Y, None] * slope_y
-    )
-    derivatives = np.empty((*x.shape, 9))
-    derivatives[..., _X] = -(across1 * cos1 + across2 * cos2)
-    derivatives[..., _Y] = -(across1 * sin1 + across2 * sin2)
-    derivatives[..., _TURN1] = across1 * (cos1 * y - sin1 * x)
-    derivatives[..., _TURN2] = across2 * (cos2 * y - sin2 * x)
-    derivatives[..., _LEVEL] = 1.0
-    derivatives[..., _STEP] = product
-    derivatives[..., _BLUR] = -(across1 * d1 + across2 * d2) * width
-    derivatives[..., _SLOPE_X] = slope_x
-    derivatives[..., _SLOPE_Y] = slope_y
-    return model, derivatives
+    slope_x, slope_y = x / np.float32(windows.radius_px), y / np.float32(windows.radius_px)
+    step = single[:, _STEP]
+    across1 = (step * np.float32(2 / np.sqrt(np.pi)) / width1) * side2 * np.exp(-(d1**2))
+    across2 = (step * np.float32(2 / np.sqrt(np.pi)) / width2) * side1 * np.exp(-(d2**2))
+    derivatives = np.empty((len(x), 10, x.shape[1]), dtype=np.float32)
+    derivatives[:, _X] = -(across1 * cos1 + across2 * cos2)
+    derivatives[:, _Y] = -(across1 * sin1 + across2 * sin2)
+    derivatives[:, _TURN1] = across1 * (cos1 * y - sin1 * x)
+    derivatives[:, _TURN2] = across2 * (cos2 * y - sin2 * x)
+    derivatives[:, _LEVEL] = 1.0
+    derivatives[:, _STEP] = side1 * side2
+    derivatives[:, _BLUR1] = -across1 * d1 * width1
+    derivatives[:, _BLUR2] = -across2 * d2 * width2
+    derivatives[:, _SLOPE_X] = slope_x
+    derivatives[:, _SLOPE_Y] = slope_y
+    slopes = single[:, _SLOPE_X] * slope_x + single[:, _SLOPE_Y] * slope_y
+    return single[:, _LEVEL] + step * derivatives[:, _STEP] + slopes, derivatives
 
 
-def _solve(params: Floats, windows: _Windows) -> Floats:
-    """Levenberg-Marquardt, every corner with its own damping."""
-    damping = np.full(len(params), 1e-2)
+def _solve(params: Floats, windows: _Windows) -> tuple[Floats, Floats]:
+    """Levenberg-Marquardt, every corner with its own damping, until each rests: parameters and squares left over."""
+    params = params.copy()
+    damping = np.full(len(params), STARTING_DAMPING)
     model, derivatives = _model(params, windows)
-    cost = (windows.weight * (windows.grey - model) ** 2).sum(axis=1)
+    cost = (windows.weight * (windows.grey - model) ** 2).sum(axis=1).astype(np.float64)
+    moving = np.arange(len(params))
     for _ in range(MOST_STEPS):
-        weighted = (derivatives * windows.weight[..., None]).transpose(0, 2, 1)
-        normal = weighted @ derivatives
-        gradient = (weighted @ (windows.grey - model)[..., None])[..., 0]
+        part = windows.only(moving)
+        weighted = derivatives * part.weight[:, None]
+        normal = (weighted @ derivatives.transpose(0, 2, 1)).astype(np.float64)
+        gradient = (weighted @ (part.grey - model)[..., None]).astype(np.float64)
         diagonal = np.einsum("nii->ni", normal)
-        damped = normal + np.eye(9) * (damping[:, None] * diagonal + 1e-9)[:, None, :]
-        trial = params + np.linalg.solve(damped, gradient[..., None])[..., 0]
-        trial[:, _BLUR] = np.clip(trial[:, _BLUR], *np.log(BLUR_PX))
-        trial_model, trial_derivatives = _model(trial, windows)
-        trial_cost = (windows.weight * (windows.grey - trial_model) ** 2).sum(axis=1)
-        better = trial_cost < cost
-        largest_px = np.abs(trial - params)[better, :2].max(initial=0.0)
-        params = np.where(better[:, None], trial, params)
-        model = np.where(better[:, None], trial_model, model)
-        derivatives = np.where(better[:, None, None], trial_derivatives, derivatives)
-        cost = np.where(better, trial_cost, cost)
-        damping = np.where(better, damping * 0.2, damping * 10)
-        if largest_px < ENOUGH_PX and better.any():
+        damped = normal + np.eye(10) * (damping[moving, None] * diagonal + 1e-6)[:, None, :]
+        trial = params[moving] + np.linalg.solve(damped, gradient)[..., 0]
+        trial[:, _BLURS] = np.clip(trial[:, _BLURS], *np.log(BLUR_PX))
+        trial_model, trial_derivatives = _model(trial, part)
+        trial_cost = (part.weight * (part.grey - trial_model) ** 2).sum(axis=1)
+        better = trial_cost < cost[moving]
+        step_px = np.abs(trial - params[moving])[:, :2].max(axis=1)
+        params[moving] = np.where(better[:, None], trial, params[moving])
+        cost[moving] = np.where(better, trial_cost, cost[moving])
+        free = damping[moving] <= STARTING_DAMPING  # else the step is short because it was held back
+        damping[moving] *= np.where(better, 0.2, 10.0)
+        still = ~(better & free & (step_px < ENOUGH_PX)) & (damping[moving] < MOST_DAMPING)
+        model = np.where(better[:, None], trial_model, model)[still]
+        derivatives = np.where(better[:, None, None], trial_derivatives, derivatives)[still]
+        moving = moving[still]
+        if not len(moving):
             break
-    return params
+    return params, cost

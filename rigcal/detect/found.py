@@ -25,3 +25,5 @@ class FoundBoard:
     """Whether the finder gave the corners turned by 180 degrees, and they were put right by the squares' colours."""
     problem: str = ""
     """Why these corners must not be used; empty where they may."""
+    blur_px: float = 0.0
+    """Sigma of the blur of its edges in pixels, in the middle of its corners; 0: not measured."""

@@ -27,12 +27,16 @@ EXCHANGED = -0.5
 """Cosine of twice the angle between the light bisectors of neighbours: -1 where dark and light are exchanged."""
 SNAP = 0.3
 """Distance of a corner from where its neighbours have it, in squares, up to which it is that corner."""
+LEAST_LINKED = 0.4
+"""Share of a board's corners that must be linked with each other before the others are looked for."""
 LEAST_SEEN = 0.7
 """Share of a board's corners among the saddles; the others are set between their neighbours and left to the judge."""
+MOST_CELLS = 40_000
+"""Of a lattice; a texture may grow to a long thin one that fills a field of millions."""
 _STEPS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
 
 
-def find_grids(saddles: Saddles, size: tuple[int, int]) -> tuple[list[Floats], int]:
+def find_grids(saddles: Saddles, size: tuple[int, int]) -> list[Floats]:
     """Grids of corners among the saddles of an image.
 
     Args:
@@ -40,28 +44,25 @@ def find_grids(saddles: Saddles, size: tuple[int, int]) -> tuple[list[Floats], i
         size: Columns and rows of corners of the board.
 
     Returns:
-        Grids (rows, columns, 2) in pixels, the fullest first, either way round; and how many corners the largest
-        lattice has, which tells whether something like a board is there.
+        Grids (rows, columns, 2) in pixels, the fullest first, either way round.
     """
-    needed = max(4, int(0.3 * size[0] * size[1]))
-    if len(saddles.points_px) < needed:
-        return [], 0
+    needed = LEAST_LINKED * size[0] * size[1]
+    if len(saddles.points_px) < max(needed, 2):
+        return []
     links = _links(saddles)
-    largest, grids = 0, []
+    grids: list[tuple[int, Floats]] = []
     for members in _components(links, needed):
-        lattice = _filled(_grown(members, links, saddles.points_px), saddles.points_px)
-        largest = max(largest, int(np.isfinite(lattice[..., 0]).sum()))
-        grids += list(_windows(lattice, size))
-    grids.sort(key=lambda grid: -grid[0])
-    return [grid for _, grid in grids], largest
+        lattice = _grown(members, links, saddles.points_px)
+        if lattice[..., 0].size <= MOST_CELLS:
+            grids += _windows(_filled(lattice, saddles.points_px), size)
+    return [grid for _, grid in sorted(grids, key=lambda seen_and_grid: -seen_and_grid[0])]
 
 
 def _links(saddles: Saddles) -> Ints:
     """(n, 4) each saddle's neighbour along its edges: first, second, and against them; -1 where there is none."""
     points = saddles.points_px
     count = min(NEIGHBOURS, len(points) - 1)
-    distance, other = cKDTree(points).query(points, k=count + 1)
-    distance, other = distance[:, 1:], other[:, 1:]
+    distance, other = (np.asarray(found)[:, 1:] for found in cKDTree(points).query(points, k=count + 1))
     towards = (points[other] - points[:, None]) / np.maximum(distance, 1e-9)[..., None]
     own = np.einsum("nkd,ned->nke", towards, saddles.edges)
     theirs = np.abs(np.einsum("nkd,nked->nke", towards, saddles.edges[other])).max(axis=-1)
@@ -72,7 +73,7 @@ def _links(saddles: Saddles) -> Ints:
     return np.where(mutual & (nearest >= 0), nearest, -1)
 
 
-def _components(links: Ints, least: int) -> Iterator[Ints]:
+def _components(links: Ints, least: float) -> Iterator[Ints]:
     """Saddles that are linked with each other, the largest set first."""
     one, direction = np.nonzero(links >= 0)
     graph = coo_array((np.ones(len(one)), (one, links[one, direction])), shape=(len(links),) * 2)
@@ -122,7 +123,7 @@ def _filled(lattice: Floats, points: Floats) -> Floats:
         due, step_px = _due(wider)
         empty = np.isnan(wider[..., 0]) & np.isfinite(due[..., 0])
         where = np.flatnonzero(empty)
-        distance, nearest = tree.query(due.reshape(-1, 2)[where])
+        distance, nearest = (np.asarray(found) for found in tree.query(due.reshape(-1, 2)[where]))
         used = {tuple(point) for point in wider.reshape(-1, 2)[np.isfinite(wider[..., 0]).ravel()]}
         snapped = [
             (k, points[n])

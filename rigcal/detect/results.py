@@ -48,6 +48,7 @@ class Results:
             "corners_px": np.concatenate([np.zeros((0, 2)), *(board.corners_px for board in boards)]),
             "turned": np.array([board.turned for board in boards], dtype=np.bool_),
             "problem": np.array([board.problem for board in boards], dtype=np.str_),
+            "blur_px": np.array([board.blur_px for board in boards], dtype=np.float64),
         }
 
     @classmethod
@@ -61,12 +62,13 @@ class Results:
         boards = len(arrays["frames"])
         fits = (
             len(arrays["effort"]) == frame_count
-            and {len(arrays[name]) for name in ("counts", "turned", "problem")} == {boards}
+            and {len(arrays[name]) for name in ("counts", "turned", "problem", "blur_px")} == {boards}
             and len(arrays["corner_ids"]) == total
             and arrays["corners_px"].shape == (total, 2)
         )
         if not fits:
             return nothing
         ids, corners = np.split(arrays["corner_ids"], ends[:-1]), np.split(arrays["corners_px"], ends[:-1])
-        rows = zip(arrays["frames"].tolist(), ids, corners, arrays["turned"], arrays["problem"], strict=False)
-        return cls(arrays["effort"].tolist(), {f: FoundBoard(i, c, bool(t), str(p)) for f, i, c, t, p in rows})
+        told = (arrays["turned"].tolist(), arrays["problem"].tolist(), arrays["blur_px"].tolist())
+        rows = zip(arrays["frames"].tolist(), zip(ids, corners, *told, strict=False), strict=False)
+        return cls(arrays["effort"].tolist(), {frame: FoundBoard(*fields) for frame, fields in rows})
