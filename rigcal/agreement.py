@@ -194,7 +194,7 @@ class _Court:
             np.zeros(len(self.state.cameras), dtype=bool),
         )
         start = State(self.state.cameras, self.state.cam_from_rig, tuple(starts))
-        return solve(placed, start, held, SolveOptions(max_iterations=30, tolerance=1e-6))
+        return solve(placed, start, held, SolveOptions(max_iterations=30, tolerance=1e-6, covariance=False))
 
     def _excess(self, group: Sequence[int], sigmas: Floats) -> float:
         """The worst view's sigma over its limit."""

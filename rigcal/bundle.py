@@ -174,6 +174,8 @@ class SolveOptions:
     """Iterations at the most."""
     tolerance: float = 1e-10
     """Converged when the cost falls by less than this, relatively."""
+    covariance: bool = True
+    """Whether the covariance and what rests on it are wanted; without, every unknown counts as held in it."""
 
     def __post_init__(self) -> None:
         if not (self.sigma_px > 0 and self.max_iterations > 0 and self.tolerance > 0):
@@ -457,11 +459,14 @@ class _System:
         )
 
     def finish(self, linear: _Linear, iterations: int, converged: bool) -> Solution:
-        S = self._reduced(linear, 0.0)[0]
         index = tuple(divmod(int(i), self.width) for i in np.flatnonzero(self.free))
         boards_seen = int((linear.Cb.trace(axis1=1, axis2=2) > 0).sum())
         freedom = max(2 * len(self.obs) - len(index) - POSE * boards_seen, 1)
         sigma_px = float(np.sqrt((self.obs.weights @ (linear.residuals**2).sum(axis=1)) / freedom))
+        if not self.options.covariance:
+            nothing = (np.zeros((0, 0)), (), sigma_px, 1.0, np.zeros(len(linear.Cb)))
+            return Solution(linear.at.state, linear.residuals, *nothing, iterations, converged)
+        S = self._reduced(linear, 0.0)[0]
         covariance = np.asarray(np.linalg.pinv(S, hermitian=True), dtype=np.float64) if index else np.zeros((0, 0))
         inflation, pull = self._shares(linear, covariance, sigma_px)
         evidence = (linear.residuals, covariance, index, sigma_px, inflation, pull)

@@ -8,6 +8,7 @@ solved apart, by an independent solver, and by what the covariance says of lense
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -25,6 +26,8 @@ from rigcal.uncertainty import RigCovariance, centre_by_pose, rig_covariance
 
 FOLDS = 5
 """Parts of the board positions that are kept out in turn."""
+THREADS = 2
+"""Measures taken at a time: each is a solve of its own, and numpy and pycolmap let others run meanwhile."""
 AGREE_SIGMA = 3.0
 """Difference over its sigma below which two cameras' halves agree, when a camera that moved is looked for."""
 FOCAL_RANGE = (0.125, 16.0)
@@ -78,10 +81,14 @@ def assess(joint: JointResult, alone: Sequence[Floats], *, lenses_given: bool = 
     centres = [centre_by_pose(pose) for pose in state.cam_from_rig]
     sigmas = tuple(_lens_sigma(covariance, camera, len(lens.params)) for camera, lens in enumerate(state.cameras))
     centre, edges = scene_points(joint, covariance)
+    with ThreadPoolExecutor(THREADS) as pool:
+        agreement = pool.submit(_solver_agreement, joint)
+        halves = pool.submit(split_half, joint, AGREE_SIGMA)
+        held_out = _held_out(joint, pool)
     return JointQuality(
-        held_out_px=_held_out(joint),
-        split_half=split_half(joint, AGREE_SIGMA),
-        solver_agreement=_solver_agreement(joint),
+        held_out_px=held_out,
+        split_half=halves.result(),
+        solver_agreement=agreement.result(),
         lens_sigma=sigmas,
         focal_sigma_percent=tuple(
             _focal_percent(lens.params, lens.size_wh, sigma) for lens, sigma in zip(state.cameras, sigmas, strict=True)
@@ -115,25 +122,27 @@ def _focal_percent(params: Floats, size_wh: tuple[int, int], sigma: Floats) -> f
     return float(100 * (sigma[:2] / params[:2]).max())
 
 
-def _held_out(joint: JointResult) -> tuple[float | None, ...]:
+def _held_out(joint: JointResult, pool: Executor) -> tuple[float | None, ...]:
     """K-fold over board positions: solve without a fifth of them, then place only their boards."""
     obs, state = joint.observations, joint.solution.state
-    squared: list[list[Floats]] = [[] for _ in state.cameras]
     order = np.unique(obs.board_idx)
-    for fold in range(min(FOLDS, len(order))):
+
+    def kept_out(fold: int) -> list[Floats]:
+        """Residuals of each camera."""
         out = np.isin(obs.board_idx, order[fold::FOLDS])
         if not solvable(joint, ~out):
-            continue
-        options = SolveOptions(sigma_px=max(joint.solution.sigma_px, 0.01), tolerance=1e-8)
+            return []
+        options = SolveOptions(sigma_px=max(joint.solution.sigma_px, 0.01), tolerance=1e-6, covariance=False)
         trained = solve(obs.subset(~out), state, joint.freedom, options).state
         fixed = Freedom(
             tuple(np.zeros(len(c.params), dtype=bool) for c in state.cameras), np.zeros(len(state.cameras), dtype=bool)
         )
         test = obs.subset(out)
         residuals = solve(test, replace(trained, rig_from_board=state.rig_from_board), fixed, options).residuals_px
-        for camera, rows in enumerate(squared):
-            rows.append(residuals[test.camera_idx == camera])
-    return tuple(rmse_px(np.concatenate(rows)) if rows else None for rows in squared)
+        return [residuals[test.camera_idx == camera] for camera in range(len(state.cameras))]
+
+    told = [found for found in pool.map(kept_out, range(min(FOLDS, len(order)))) if found]
+    return tuple(rmse_px(np.concatenate(rows)) for rows in zip(*told, strict=True)) or (None,) * len(state.cameras)
 
 
 def _solver_agreement(joint: JointResult) -> float:

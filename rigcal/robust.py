@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from rigcal.detections import Finding
 from rigcal.geometry import Ints
 from rigcal.outliers import RejectionRule, reject, view_limits_px
 
-_NEAR = 1e-6  # tolerance of solves whose residuals are only judged
+_ROBUST = SolveOptions(robust=True, tolerance=1e-6, covariance=False)  # its residuals are judged, nothing else
 _EXACT_PX = 0.01  # a detector is never nearer: below it, what pulls at the cameras is rounding
 
 
@@ -40,12 +40,12 @@ def solve_robustly(
         names: What cameras and frames are called in findings.
         rule: Limits of the rejection.
     """
-    robust = solve(observations, start, freedom, SolveOptions(robust=True, tolerance=_NEAR))
+    robust = solve(observations, start, freedom, _ROBUST)
     believed, disagreements = _believed(observations, robust, names, rule)
     state, residuals = robust.state, robust.residuals_px
     if disagreements:
-        near = solve(believed, state, _held(state), SolveOptions(max_iterations=30, tolerance=_NEAR))  # may be far off
-        settled = solve(believed, near.state, _held(state), SolveOptions(robust=True, tolerance=_NEAR))
+        near = solve(believed, state, _held(state), replace(_ROBUST, robust=False))  # a board may start far off
+        settled = solve(believed, near.state, _held(state), _ROBUST)
         state, residuals = settled.state, settled.residuals_px
     rejection = reject(believed, residuals, names, rule)
     kept = believed.subset(rejection.keep)

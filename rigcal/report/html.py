@@ -18,7 +18,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from rigcal.camera import FOCAL_AND_CENTRE, MODELS
 from rigcal.errors import EvidenceError
 from rigcal.evidence import Evidence
-from rigcal.report import numbers, words
+from rigcal.report import numbers, solved, words
 from rigcal.report.coverage import Coverage, coverage_of
 from rigcal.report.overlap import overlap_graph
 from rigcal.report.paper import beside_paper
@@ -96,6 +96,8 @@ def html_report(document: RigDocument, evidence: Evidence | None, *, title: str 
         links=words.chain_links(document),
         instants=words.instants_sentence(document),
         held=words.held_sentence(document),
+        graph_sentences=solved.graph_sentences(document),
+        solve_sentences=solved.solve_sentences(document),
     )
 
 
@@ -166,11 +168,13 @@ def _facts(document: RigDocument) -> list[tuple[str, str, str]]:
 
 def _scene_sigmas(document: RigDocument) -> list[tuple[str, float]]:
     """What a sigma of a 3D point is of, and the sigma in metres."""
-    return [
+    sigmas = [
         (SCENE_POINTS[gate.name], gate.value)
         for gate in document.gates
         if gate.name in SCENE_POINTS and gate.value is not None
     ]
+    edge_m = solved.edge_sigma_m(document)
+    return sigmas if edge_m is None else [*sigmas, ("a point at the scene's edges, at worst", edge_m)]
 
 
 def _camera_page(camera: CameraEntry, document: RigDocument, evidence: Evidence | None) -> CameraPage:

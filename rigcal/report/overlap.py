@@ -10,6 +10,7 @@ import numpy as np
 
 from rigcal.geometry import Floats
 from rigcal.report.numbers import fixed
+from rigcal.report.solved import weakest_pair
 from rigcal.report.words import chain_links, counted, shortened
 from rigcal.rigdocument import PairEntry, RigDocument
 
@@ -71,7 +72,9 @@ class OverlapGraph:
 
 
 def weakest_link(document: RigDocument) -> PairEntry | None:
-    """The link of a chain with the greatest RMSE over the root of its views, which is how its error scales."""
+    """The link of a chain that the rig file names, or that with the greatest RMSE over the root of its views."""
+    if named := weakest_pair(document):
+        return named
     links = chain_links(document)
     candidates = [pair for pair in document.pairs if frozenset(pair.cameras) in links]
     return max(candidates, key=_looseness, default=None)

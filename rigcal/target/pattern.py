@@ -40,17 +40,17 @@ def pattern_of(board: Board) -> Pattern:
     """The pattern of a board.
 
     Raises:
-        TargetError: where the board needs more markers than its dictionary has, or its cells are too fine to print.
+        TargetError: where the board's cells are too fine to print.
     """
     match board:
         case Checkerboard():
             pattern, cells_per_square = _checkerboard(board), 1.0
         case Charuco():
-            dictionary = _dictionary(board, board.columns * board.rows // 2)
+            dictionary = _dictionary(board)
             pattern = _charuco(board, dictionary)
             cells_per_square = (dictionary.markerSize + 2 * MARKER_BORDER_BITS) / board.marker_ratio
         case AprilGrid():
-            dictionary = _dictionary(board, board.columns * board.rows)
+            dictionary = _dictionary(board)
             pattern, cells_per_square = _aprilgrid(board, dictionary), dictionary.markerSize + 2 * board.border_bits
     if pattern.square_mm / cells_per_square < LEAST_CELL_MM:
         raise TargetError(
@@ -102,17 +102,8 @@ def _aprilgrid(board: AprilGrid, dictionary: cv2.aruco.Dictionary) -> Pattern:
     return Pattern(size, (gap, gap), tag, np.concatenate(parts))
 
 
-def _dictionary(board: Charuco | AprilGrid, needed: int) -> cv2.aruco.Dictionary:
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
-    if (available := len(dictionary.bytesList)) < needed:
-        raise TargetError(
-            "it has more markers than its dictionary",
-            where=board.spec,
-            expected=f"at most {available} markers, all of {board.dictionary}",
-            got=f"{needed} markers",
-            do_next="choose fewer squares or tags, or a larger dictionary or family",
-        )
-    return dictionary
+def _dictionary(board: Charuco | AprilGrid) -> cv2.aruco.Dictionary:
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
 
 
 def _bits(dictionary: cv2.aruco.Dictionary, marker_id: int, border: int) -> Bools:

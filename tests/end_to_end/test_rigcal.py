@@ -113,7 +113,8 @@ def test_a_site_file_sets_order_serials_and_limits(site, tmp_path):
     assert [(c["id"], c["serial"]) for c in done.json["cameras"]] == [("cam1", "S1"), ("cam0", "S0"), ("cam2", "S2")]
     failed = [gate for gate in done.json["gates"] if not gate["passed"]]
     assert {gate["name"] for gate in failed} == {"views"}
-    assert failed[0]["advice"] == "show the board to cam1 in more positions"
+    assert failed[0]["advice"].startswith("show cam1 the board all over its image, ")
+    assert failed[0]["advice"].endswith("tilted by 20-45 degrees to all sides, in 20 or more positions")
     assert command("rigcal", "validate", tmp_path / "s.rig.json").code == 1
 
 
@@ -262,7 +263,7 @@ def test_the_opencv_stereo_capture(tmp_path):
         assert camera["rmse_px"]["refined"] <= 0.28
     with np.load(tmp_path / "s.residuals.npz") as data:
         assert data["used"].mean() >= 0.98
-        assert len(data["used"]) == 2 * 13 * 54
+        assert len(data["used"]) >= 0.99 * 2 * 13 * 54  # a corner that a shadow's edge crosses is left out
     baseline_m = np.linalg.norm(rig.cameras[1].cam_from_rig.inverse().translation_m)
     assert abs(baseline_m - 0.0829) <= 0.0005
 

@@ -323,7 +323,7 @@ FAULTS = {
     "lens_agreement": (zoomed_since, {"cam1"}, ("lens of cam1 again",)),
     "sister_percent": (not_a_copy, {"cam0", "cam1"}, ("zoom and focus of {}",)),
     "scale_percent": (wrong_square, {None}, ("3.1 % too large", "58.[12].?mm")),
-    "held_out_ratio": (held_by_hand, {"cam0", "cam1"}, MORE_OF),
+    "held_out_ratio": (held_by_hand, {"cam0", "cam1"}, STILL),
     "focal_sigma_percent": (narrow_lens, {"cam0"}, MORE_OF),
     "position_sigma_m": (far_and_few, {"cam1"}, TOGETHER),
     "scene_sigma_m": (narrow_baseline, {None}, ("two cameras or more at once", "[0-9]+ or more positions")),

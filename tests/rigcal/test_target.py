@@ -276,16 +276,6 @@ def test_a_symmetric_checkerboard_is_warned_of_in_print(spec, instead):
             "  do next:  give a larger --page, such as A0 or 2000x1500mm for a print shop, or choose smaller squares",
         ),
         (
-            "charuco:12x9:25mm:dict=DICT_4X4_50",
-            "A3",
-            {},
-            "cannot print this board: it has more markers than its dictionary\n"
-            "  where:    charuco:12x9:25mm:marker=0.75:dict=DICT_4X4_50\n"
-            "  expected: at most 50 markers, all of DICT_4X4_50\n"
-            "  got:      54 markers\n"
-            "  do next:  choose fewer squares or tags, or a larger dictionary or family",
-        ),
-        (
             "checkerboard:9x6:0.025mm",
             "A4",
             {},
