@@ -208,7 +208,7 @@ def _graph_entry(calibration: SiteCalibration) -> dict[str, object]:
         "loops": [
             {
                 "cameras": [ids[loop.first], ids[loop.second]],
-                "through": [ids[c] for c in loop.path],
+                "path": [ids[c] for c in loop.path],
                 "gap_m": loop.gap_m,
             }
             for loop in chain.loops
