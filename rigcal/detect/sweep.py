@@ -32,7 +32,7 @@ from rigcal.detect.results import QUICK, THOROUGH, UNSEARCHED, Results
 from rigcal.detect.views import board_detections
 from rigcal.detections import BoardDetections, Instants, SiteDetections
 
-DETECTOR_VERSION = f"2 opencv {cv2.__version__}"
+DETECTOR_VERSION = f"3 opencv {cv2.__version__}"
 """Part of every cache key; the number grows with each change of what finders return."""
 ENOUGH_VIEWS = 30
 """A camera with this many views of a checkerboard is not searched again; lenses need a dozen."""
