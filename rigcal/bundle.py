@@ -403,7 +403,8 @@ class _System:
 
     def _reduced(self, linear: _Linear, damping: float) -> tuple[Floats, Floats, Floats, Floats]:
         """Reduced system S (D', D') and its right side over the free camera unknowns; L^-1 and L^-1 E^T per board."""
-        Cb = linear.Cb + damping * np.eye(POSE) * (linear.Cb.diagonal(axis1=1, axis2=2)[:, :, None] + 1e-12)
+        held = max(damping, 1e-12)  # so that a board of which too little is seen has a step and a covariance too
+        Cb = linear.Cb + held * np.eye(POSE) * (linear.Cb.diagonal(axis1=1, axis2=2)[:, :, None] + 1e-12)
         Cb = np.where((linear.Cb.trace(axis1=1, axis2=2) > 0)[:, None, None], Cb, np.eye(POSE))
         inverse_root = np.linalg.inv(np.linalg.cholesky(Cb))
         E = linear.E.reshape(len(Cb), -1, POSE)[:, self.free]

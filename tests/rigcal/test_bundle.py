@@ -191,3 +191,13 @@ def test_the_sigma_of_the_bow_is_honest():
         bow = [(len(start.cameras), 0), (len(start.cameras), 1)]
         squared.append(gap @ np.linalg.solve(solution.joint_covariance(bow), gap) / 2)
     assert 0.4 < np.mean(squared) < 1.7
+
+
+def test_a_board_of_which_two_corners_are_left_does_not_stop_the_solve():
+    rig, observations, start, freedom = problem(noise_px=0.2)
+    last = observations.board_idx == observations.board_idx.max()
+    kept = observations.subset(~last | (np.cumsum(last) <= 2))
+    solution = solve(kept, start, freedom, SolveOptions())
+    assert np.isfinite(solution.covariance).all()
+    assert solution.converged
+    assert solution.sigma_px == pytest.approx(0.2, rel=0.1)
