@@ -194,7 +194,7 @@ def test_the_sigma_of_the_bow_is_honest():
 
 
 def test_a_board_of_which_two_corners_are_left_does_not_stop_the_solve():
-    rig, observations, start, freedom = problem(noise_px=0.2)
+    _, observations, start, freedom = problem(noise_px=0.2)
     last = observations.board_idx == observations.board_idx.max()
     kept = observations.subset(~last | (np.cumsum(last) <= 2))
     solution = solve(kept, start, freedom, SolveOptions())
