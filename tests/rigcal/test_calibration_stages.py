@@ -167,6 +167,19 @@ def test_collinear_corners_have_no_pose():
     )
 
 
+@pytest.mark.parametrize(("wrong", "named"), [([], []), ([2, 4], ["000002", "000004"]), ([2, 4, 5], [])])
+def test_a_few_views_that_bend_the_lens_are_named_and_many_are_the_lens_model(wrong, named):
+    """Shifted views whose boards no other camera saw: a pose explains each of them, at the lens's expense."""
+    rig = arc_rig(1, model="opencv4")
+    poses = board_poses_for_camera(rig, "cam0", BOARD, 40, distance_m=(0.7, 2.2), seed=3)
+    detections = with_noise(exact_detections(rig, BOARD, poses), 0.2, seed=4)
+    for frame in wrong:
+        detections = spoiled(detections, 0, frame, lambda v: replace(v, corners_px=v.corners_px + [25.0, -20.0]))
+    result = calibrate_camera(detections.cameras[0], BOARD, IntrinsicsOptions("opencv4"))
+    assert [finding.frame for finding in result.findings] == named
+    assert all("pulls at the cameras" in finding.reason for finding in result.findings)
+
+
 # --- pairs ----------------------------------------------------------------------------------------------------------
 
 
