@@ -9,35 +9,42 @@ from rigcal.cli._app import console
 
 if TYPE_CHECKING:
     from rigcal.board import Board
+    from rigcal.captures import Capture
     from rigcal.detections import SiteDetections
     from rigcal.site import Site
 
 
 def find_boards(path: Path, board: Board, site: Site | None, cache: bool) -> SiteDetections:
-    """Open a capture and find the boards in it, with a progress bar on a terminal."""
+    """Open a capture and find the boards in it; refuse it with the cause where too few are found."""
+    from rigcal.captures import open_capture
+    from rigcal.diagnose import check_boards
+
+    capture = open_capture(path, camera_order=[camera.id for camera in site.cameras] if site else None)
+    detections = search(capture, board, cache)
+    check_boards(capture, detections)
+    _check_sizes(detections, site)
+    return detections
+
+
+def search(capture: Capture, board: Board, cache: bool) -> SiteDetections:
+    """Find the boards in an open capture, with a progress bar on a terminal."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     from rigcal.cache import default_cache
-    from rigcal.captures import open_capture
     from rigcal.detect import detect_boards
-    from rigcal.diagnose import check_boards
     from rigcal.instants import find_instants
 
-    capture = open_capture(path, camera_order=[camera.id for camera in site.cameras] if site else None)
     columns = (TextColumn("finding boards"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     terminal = console(stderr=True)
     with Progress(*columns, console=terminal, transient=True, disable=not terminal.is_terminal) as bar:
         task = bar.add_task("", total=None)
-        detections = detect_boards(
+        return detect_boards(
             capture,
             board,
             instants=find_instants(capture),
             cache=default_cache() if cache else None,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
-    check_boards(capture, detections)
-    _check_sizes(detections, site)
-    return detections
 
 
 def _check_sizes(detections: SiteDetections, site: Site | None) -> None:

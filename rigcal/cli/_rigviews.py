@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigcal.cli._app import console
+from rigcal.cli._capture import search
 
 if TYPE_CHECKING:
     from rigcal.board import Board
@@ -32,29 +32,14 @@ def views_of_rig(path: Path, board: Board, document: RigDocument, cache: bool) -
     Cameras and image sizes are checked before any image is searched. Where no camera sees the board, the cause is
     looked for as in a calibration.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    from rigcal.cache import default_cache
     from rigcal.captures import open_capture
-    from rigcal.detect import detect_boards
     from rigcal.diagnose import check_boards
-    from rigcal.instants import find_instants
 
     found = open_capture(path)
     _check_cameras(found, document)
     ids = [camera.id for camera in found.cameras]
     capture = open_capture(path, camera_order=[c for c in document.camera_ids if c in ids])
-    columns = (TextColumn("finding boards"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    terminal = console(stderr=True)
-    with Progress(*columns, console=terminal, transient=True, disable=not terminal.is_terminal) as bar:
-        task = bar.add_task("", total=None)
-        detections = detect_boards(
-            capture,
-            board,
-            instants=find_instants(capture),
-            cache=default_cache() if cache else None,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
-        )
+    detections = search(capture, board, cache)
     if not any(camera.views for camera in detections.cameras):
         check_boards(capture, detections)
     return detections
