@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import pycolmap
 
-from rigcal.bundle import Observations, State, bent
+from rigcal.bundle import State, bent
 from rigcal.camera import Camera
+from rigcal.corners import Observations
 from rigcal.geometry import Pose
 
 PIXEL_CENTRE = 0.5

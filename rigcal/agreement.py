@@ -22,7 +22,8 @@ from itertools import pairwise
 import numpy as np
 
 from rigcal.boardpose import board_poses
-from rigcal.bundle import Freedom, Observations, Solution, SolveOptions, State, solve
+from rigcal.bundle import Freedom, Solution, SolveOptions, State, solve
+from rigcal.corners import Observations
 from rigcal.detections import BoardView
 from rigcal.geometry import Floats, Pose
 

@@ -24,8 +24,9 @@ import cv2
 import numpy as np
 
 from rigcal.board import Checkerboard
-from rigcal.bundle import Observations, State
+from rigcal.bundle import State
 from rigcal.cache import FOLDER_VARIABLE, default_cache
+from rigcal.corners import Observations
 from rigcal.detect.sweep import core_count
 from rigcal.synthetic import arc_rig, board_poses_for_pair, exact_detections
 

@@ -15,8 +15,9 @@ import numpy as np
 from rigcal.agreement import Names
 from rigcal.board import Board
 from rigcal.boardpose import board_poses
-from rigcal.bundle import POSE, Freedom, Observations, SolveOptions, State, rmse_px, solve
+from rigcal.bundle import POSE, Freedom, SolveOptions, State, rmse_px, solve
 from rigcal.camera import MODELS, Camera
+from rigcal.corners import Observations
 from rigcal.detections import BoardDetections, BoardView, Finding
 from rigcal.errors import ImageSizeError, OptionError, TooFewViewsError
 from rigcal.geometry import Floats, Pose

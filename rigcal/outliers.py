@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigcal.agreement import Names, view_sigmas
-from rigcal.bundle import Observations
+from rigcal.corners import Observations
 from rigcal.detections import Finding
 from rigcal.geometry import Bools, Floats
 

@@ -16,8 +16,9 @@ import numpy as np
 from rigcal.agreement import Names
 from rigcal.board import Board
 from rigcal.boardpose import board_poses
-from rigcal.bundle import Freedom, Observations, State, rmse_px
+from rigcal.bundle import Freedom, State, rmse_px
 from rigcal.camera import Camera
+from rigcal.corners import Observations
 from rigcal.detections import BoardView, Instants
 from rigcal.geometry import Floats, Ints, Pose
 from rigcal.intrinsics import IntrinsicsResult

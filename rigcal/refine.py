@@ -23,8 +23,9 @@ from scipy.sparse.csgraph import connected_components
 
 from rigcal.agreement import Names
 from rigcal.board import Board
-from rigcal.bundle import Freedom, Observations, Solution, State, rmse_px
+from rigcal.bundle import Freedom, Solution, State, rmse_px
 from rigcal.camera import Camera
+from rigcal.corners import Observations
 from rigcal.detections import Finding, Instants
 from rigcal.errors import CalibrationError
 from rigcal.geometry import Floats, Pose

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rigcal.agreement import MEDIAN_OF_SQUARE, Names, disagreeing_views, view_sigmas
-from rigcal.bundle import Freedom, Observations, Solution, SolveOptions, State, solve
+from rigcal.bundle import Freedom, Solution, SolveOptions, State, solve
+from rigcal.corners import Observations
 from rigcal.detections import Finding
 from rigcal.geometry import Ints
 from rigcal.outliers import RejectionRule, reject, view_limits_px

@@ -28,6 +28,7 @@ ORDER = {
         "diagnose",
         "selection",
         "boardpose",
+        "corners",
         "bundle",
         "agreement",
         "outliers",

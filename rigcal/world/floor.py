@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigcal.agreement import Names
-from rigcal.bundle import POSE, Freedom, Observations, Solution, State
+from rigcal.bundle import POSE, Freedom, Solution, State
+from rigcal.corners import Observations
 from rigcal.detections import SiteDetections
 from rigcal.errors import NotFlatError, WorldError
 from rigcal.geometry import Floats, Pose

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from rigcal.board import Checkerboard
-from rigcal.bundle import Freedom, Observations, SolveOptions, State, bent, rmse_px, solve
+from rigcal.bundle import Freedom, SolveOptions, State, bent, rmse_px, solve
 from rigcal.camera import MODELS
+from rigcal.corners import Observations
 from rigcal.detections import BoardView
 from rigcal.geometry import Pose
 from rigcal.synthetic import arc_rig, board_poses_for_camera, board_poses_for_pair, exact_detections, with_noise

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from rigcal.agreement import Names
 from rigcal.board import Checkerboard
 from rigcal.boardpose import board_poses
-from rigcal.bundle import Freedom, Observations, State
+from rigcal.bundle import Freedom, State
+from rigcal.corners import Observations
 from rigcal.detections import BoardView, Instants
 from rigcal.geometry import Pose
 from rigcal.intrinsics import IntrinsicsOptions, hold_camera

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rigcal.agreement import Names
-from rigcal.bundle import Observations
+from rigcal.corners import Observations
 from rigcal.detections import BoardView
 from rigcal.outliers import RejectionRule, reject
 

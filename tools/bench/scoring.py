@@ -10,8 +10,9 @@ from rigs import BenchSite, Planted
 from scipy.spatial.transform import Rotation
 
 from rigcal.boardpose import board_poses
-from rigcal.bundle import POSE, Freedom, Observations, SolveOptions, State, solve
+from rigcal.bundle import POSE, Freedom, SolveOptions, State, solve
 from rigcal.camera import Camera
+from rigcal.corners import Observations
 from rigcal.detections import BoardView, SiteDetections
 from rigcal.geometry import Floats, Pose
 from rigcal.pipeline import SiteCalibration
