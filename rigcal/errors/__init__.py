@@ -1,0 +1,121 @@
+"""The exception tree of rigcal.
+
+    RigcalError
+    ├── BoardSpecError            a --board string that cannot be read, or a size without a unit
+    ├── SiteFileError             a hand-written site file with a mistake
+    ├── OptionError               an option of a stage outside its range
+    ├── OutputError               a file that cannot be written
+    ├── TargetError               a board that cannot be printed as asked
+    ├── MeasuredLengthError       a length measured by hand that cannot be read, or between unknown cameras
+    ├── CaptureError              a capture folder, image or video that cannot be used
+    │   ├── EmptyCaptureError
+    │   ├── BrokenFileError
+    │   ├── TimestampsError
+    │   └── ImageSizeError
+    ├── DetectionError            images are readable, the board is not in them
+    │   ├── NoBoardError
+    │   ├── UnclearBoardError
+    │   ├── WrongBoardError
+    │   ├── WrongSpacingError
+    │   └── MirroredImagesError
+    ├── CalibrationError          boards were found, the rig cannot be computed from them
+    │   ├── TooFewViewsError
+    │   ├── NotConnectedError
+    │   └── SisterError               declared alike, but not alike
+    ├── RigFileError              a rig file that must not be used
+    │   ├── RigFileDigestError
+    │   ├── RigFileVersionError
+    │   ├── RigFileSchemaError
+    │   └── EvidenceError         the residuals beside it are another rig's
+    ├── RigCaptureError           a capture that does not belong to the rig file
+    ├── TableError                a table of points or pixels that cannot be read
+    ├── WorldError                measurements that do not give a floor and a vertical
+    │   ├── NotFlatError
+    │   ├── BelowFloorError
+    │   └── WorldPointError
+    ├── DriftError                views that cannot tell which camera moved
+    └── FormatError               another tool's file
+        ├── FormatEntryError
+        ├── UnknownFormatError
+        ├── ForeignNameError
+        └── LossyExportError
+
+Every message says what is wrong, where, what was expected, what was got, and what to do next.
+"""
+
+from __future__ import annotations
+
+from rigcal.errors._base import OptionError, OutputError, RigcalError, writing
+from rigcal.errors._calibration import CalibrationError, NotConnectedError, SisterError, TooFewViewsError
+from rigcal.errors._captures import (
+    BrokenFileError,
+    CaptureError,
+    DetectionError,
+    EmptyCaptureError,
+    ImageSizeError,
+    MirroredImagesError,
+    NoBoardError,
+    TimestampsError,
+    UnclearBoardError,
+    WrongBoardError,
+    WrongSpacingError,
+)
+from rigcal.errors._formats import ForeignNameError, FormatEntryError, FormatError, LossyExportError, UnknownFormatError
+from rigcal.errors._inputs import BoardSpecError, MeasuredLengthError, SiteFileError, TargetError
+from rigcal.errors._rigs import (
+    BelowFloorError,
+    DriftError,
+    EvidenceError,
+    NotFlatError,
+    RigCaptureError,
+    RigFileDigestError,
+    RigFileError,
+    RigFileSchemaError,
+    RigFileVersionError,
+    TableError,
+    WorldError,
+    WorldPointError,
+)
+
+__all__ = [
+    "BelowFloorError",
+    "BoardSpecError",
+    "BrokenFileError",
+    "CalibrationError",
+    "CaptureError",
+    "DetectionError",
+    "DriftError",
+    "EmptyCaptureError",
+    "EvidenceError",
+    "ForeignNameError",
+    "FormatEntryError",
+    "FormatError",
+    "ImageSizeError",
+    "LossyExportError",
+    "MeasuredLengthError",
+    "MirroredImagesError",
+    "NoBoardError",
+    "NotConnectedError",
+    "NotFlatError",
+    "OptionError",
+    "OutputError",
+    "RigCaptureError",
+    "RigFileDigestError",
+    "RigFileError",
+    "RigFileSchemaError",
+    "RigFileVersionError",
+    "RigcalError",
+    "SisterError",
+    "SiteFileError",
+    "TableError",
+    "TargetError",
+    "TimestampsError",
+    "TooFewViewsError",
+    "UnclearBoardError",
+    "UnknownFormatError",
+    "WorldError",
+    "WorldPointError",
+    "WrongBoardError",
+    "WrongSpacingError",
+    "writing",
+]
