@@ -93,12 +93,16 @@ def world(
 
 def _check_options(methods: Mapping[str, object], *belonging: Mapping[str, object]) -> None:
     """Exactly one method, and no option that belongs to another."""
-    from rigcal.errors import OptionError
+    from rigcal.errors import OptionError, WorldError
 
     chosen = [name for name, value in methods.items() if value is not None]
     if len(chosen) != 1:
-        expected = "exactly one of --floor-board CAPTURE, --points FILE with --pixels FILE, and --plumb FILE"
-        raise OptionError("of the method", expected=expected, got=", ".join(chosen) or "none of them")
+        raise WorldError(
+            "there must be one way to find the floor and the vertical",
+            expected="one of --floor-board CAPTURE, --points FILE.csv with --pixels FILE.csv, and --plumb FILE.csv",
+            got=", ".join(chosen) or "none of them",
+            do_next="lay the board flat on the floor where a camera sees it, and give those images with --floor-board",
+        )
     for method, options in zip(methods, belonging, strict=True):
         for name, value in options.items():
             if value is not None and method not in chosen:

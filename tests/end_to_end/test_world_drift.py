@@ -166,8 +166,8 @@ def test_points_and_a_plumb_line_give_the_world(site, calibrated, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "option of the method is out of range"),
-        (("--floor-board", "x", "--plumb", "y"), "got:      '--floor-board, --plumb'"),
+        ((), "there must be one way to find the floor and the vertical"),
+        (("--floor-board", "x", "--plumb", "y"), "got:      --floor-board, --plumb"),
         (("--points", "p.csv"), "--pixels FILE.csv together with --points"),
         (("--plumb", "p.csv", "--thickness", "5mm"), "--thickness only together with --floor-board"),
         (("--plumb", "p.csv", "--height", "cam9:2m"), "CAMERA:LENGTH with CAMERA one of cam0, cam1, cam2"),
