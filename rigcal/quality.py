@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
@@ -103,12 +102,6 @@ def assess(joint: JointResult, alone: Sequence[Floats], *, lenses_given: bool = 
         coverage=tuple(coverage_of(joint, camera) for camera in range(count)),
         covariance=covariance,
     )
-
-
-def pose_covariance(joint: JointResult, covariance: RigCovariance) -> tuple[tuple[int, ...], Floats]:
-    """Free cameras and the (6n, 6n) covariance of their poses, rotation (rad) then translation (m) each."""
-    free = tuple(np.flatnonzero(joint.freedom.poses).tolist())
-    return free, covariance.of(list(product(free, range(POSE))))
 
 
 def _lens_sigma(covariance: RigCovariance, camera: int, count: int) -> Floats:

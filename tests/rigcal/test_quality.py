@@ -10,8 +10,9 @@ from rigcal.board import Checkerboard
 from rigcal.halves import solvable, split_half
 from rigcal.lensfile import KnownLens
 from rigcal.pipeline import CalibrateOptions, calibrate_lenses, calibrate_site, hold_lenses
-from rigcal.quality import assess, pose_covariance
+from rigcal.quality import assess
 from rigcal.refine import RefineOptions
+from rigcal.relative import solved_covariance_entry
 from rigcal.site import GateLimits
 from rigcal.synthetic import arc_rig, board_poses_for_camera, board_poses_for_pair, exact_detections, with_noise
 from rigcal.uncertainty import rig_covariance
@@ -251,9 +252,13 @@ def test_a_point_is_as_uncertain_as_rigs_drawn_from_the_covariance_make_it(solve
     assert spread == pytest.approx(point.sigma_m, rel=0.15)
 
 
-def test_the_pose_covariance_is_of_the_free_cameras(solved):
+def test_the_rig_file_gets_the_covariance_of_the_free_cameras(solved):
+    """Also as it is if the lenses are exact: then every direction is known at least as well."""
     _, result = solved
-    free, matrix = pose_covariance(result.joint, result.quality.covariance)
-    assert free == (1, 2)
-    assert matrix.shape == (12, 12)
-    assert np.linalg.eigvalsh(matrix).min() > 0
+    entry = solved_covariance_entry(result.quality.covariance, ["cam0", "cam1", "cam2"])
+    parts = ("rotation_rad", "translation_m")
+    assert entry.order == tuple(f"cam{camera}.{part}" for camera in (1, 2) for part in parts)
+    matrix, given_lenses = np.array(entry.matrix), np.array(entry.given_lenses)
+    assert matrix.shape == given_lenses.shape == (12, 12)
+    assert np.linalg.eigvalsh(given_lenses).min() > 0
+    assert np.linalg.eigvalsh(matrix - given_lenses).min() > -1e-9 * np.trace(matrix)
