@@ -7,24 +7,15 @@ the camera with the most frames goes first, what it leaves over is grouped by th
 
 from __future__ import annotations
 
-import csv
-import math
-import re
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 
 from rigcal.captures import Capture, CaptureCamera, natural_key
 from rigcal.detections import Instants
-from rigcal.errors import TimestampsError
 from rigcal.geometry import Floats, Ints
 from rigcal.rig import ClockModel
-
-TIMESTAMPS = "timestamps.csv"
-_UTC_NAME = re.compile(r"(\d{8})T(\d{6})(?:\.(\d{1,9}))?Z")
-_YEAR_2000_S, _YEAR_2100_S = 946_684_800, 4_102_444_800
+from rigcal.stamps import frame_stamps
 
 
 def find_instants(capture: Capture, clocks: Mapping[str, ClockModel | None] | None = None) -> Instants:
@@ -40,13 +31,11 @@ def find_instants(capture: Capture, clocks: Mapping[str, ClockModel | None] | No
     Raises:
         TimestampsError: where ``timestamps.csv`` contradicts the capture.
     """
-    times = _times_from_csv(capture)
-    rule = TIMESTAMPS
-    if times is None:
-        times, rule = _times_from_names(capture), "file times"
-    if times is not None:
-        in_rig = [_in_rig_time(t, (clocks or {}).get(c.id)) for c, t in zip(capture.cameras, times, strict=True)]
-        return group_by_time(in_rig, rule=rule, fps=[camera.fps for camera in capture.cameras])
+    stamps = frame_stamps(capture)
+    if stamps is not None and stamps.shared:
+        known = [(clocks or {}).get(camera.id) for camera in capture.cameras]
+        in_rig = [_in_rig_time(t, clock) for clock, t in zip(known, stamps.times_s, strict=True)]
+        return group_by_time(in_rig, rule=stamps.rule, fps=[camera.fps for camera in capture.cameras])
     return _group_by_number(capture)
 
 
@@ -100,91 +89,6 @@ def _period_s(times_s: Sequence[Floats], fps: Sequence[float | None]) -> float:
 
 def _in_rig_time(t_cam_s: Floats, clock: ClockModel | None) -> Floats:
     return t_cam_s if clock is None else np.array([clock.rig_time_s(float(t)) for t in t_cam_s])
-
-
-def _times_from_csv(capture: Capture) -> list[Floats] | None:
-    """Times per camera from ``timestamps.csv``; None where there is no such file."""
-    path = capture.path / TIMESTAMPS
-    if not path.exists():
-        return None
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file)
-        missing = {"cam_id", "frame_time"} - set(reader.fieldnames or ())
-        if missing:
-            got = ", ".join(reader.fieldnames or ()) or "an empty file"
-            raise TimestampsError(
-                path, problem=f"no column {', '.join(sorted(missing))}", expected="columns cam_id, frame_time", got=got
-            )
-        rows = [(row["cam_id"], row["frame_time"], reader.line_num) for row in reader]
-    times: dict[str, list[float]] = {camera.id: [] for camera in capture.cameras}
-    for cam_id, text, line in rows:
-        camera = match_camera_id((cam_id or "").strip(), list(times))
-        if camera is None:
-            raise TimestampsError(
-                path,
-                problem=f"line {line} names camera {cam_id!r}, which the capture does not have",
-                expected=f"one of {', '.join(times)}, or the number at its end",
-                got=repr(cam_id),
-            )
-        times[camera].append(_seconds(path, text, line))
-    for entry in capture.cameras:
-        if len(times[entry.id]) != len(entry.frames):
-            raise TimestampsError(
-                path,
-                problem=f"camera {entry.id} has another number of rows than of frames",
-                expected=f"{len(entry.frames)} rows for the {len(entry.frames)} frames of {entry.id}",
-                got=f"{len(times[entry.id])} rows",
-            )
-    return [np.sort(np.array(times[camera.id], dtype=np.float64)) for camera in capture.cameras]
-
-
-def _seconds(path: Path, text: str | None, line: int) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise TimestampsError(
-            path,
-            problem=f"line {line} has no time",
-            expected="frame_time as a number of seconds",
-            got=repr(text),
-        )
-    return value
-
-
-def match_camera_id(name: str, camera_ids: Sequence[str]) -> str | None:
-    """The camera of that name: an exact match, else the only one that ends in the same integer; None otherwise."""
-    if name in camera_ids:
-        return name
-    number = re.search(r"(\d+)$", name)
-    if number is None:
-        return None
-    matches = [c for c in camera_ids if (end := re.search(r"(\d+)$", c)) and int(end[1]) == int(number[1])]
-    return matches[0] if len(matches) == 1 else None
-
-
-def _times_from_names(capture: Capture) -> list[Floats] | None:
-    """Times per camera from the names of images; None where any name holds none."""
-    if any(camera.kind == "video" for camera in capture.cameras):
-        return None
-    times = [[_time_in_name(name) for name in camera.frames] for camera in capture.cameras]
-    if any(t is None for camera in times for t in camera):
-        return None
-    return [np.array(camera, dtype=np.float64) for camera in times]
-
-
-def _time_in_name(name: str) -> float | None:
-    """Seconds since the epoch in a file's stem: ``20260412T093001.250000Z``, or nano- or microseconds at its end."""
-    if match := _UTC_NAME.search(name):
-        whole = datetime.strptime(match[1] + match[2], "%Y%m%d%H%M%S").replace(tzinfo=UTC)
-        return whole.timestamp() + float(f"0.{match[3] or 0}")
-    if match := re.search(r"(\d{15,19})$", name):
-        for unit in (1e-9, 1e-6):
-            seconds = int(match[1]) * unit
-            if _YEAR_2000_S <= seconds < _YEAR_2100_S:
-                return seconds
-    return None
 
 
 def _group_by_number(capture: Capture) -> Instants:

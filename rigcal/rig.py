@@ -40,6 +40,11 @@ class ClockModel:
         correction_s = self.offset_s + self.drift_ppm * 1e-6 * (t_cam_ns * 1e-9 - self.at_s)
         return t_cam_ns + round(correction_s * 1e9)
 
+    def camera_time_s(self, t_rig_s: float) -> float:
+        """Camera time in seconds since the epoch of a rig time: the inverse of :meth:`rig_time_s`."""
+        rate = self.drift_ppm * 1e-6
+        return t_rig_s - (self.offset_s + rate * (t_rig_s - self.offset_s - self.at_s) / (1 + rate))
+
     def bound_at_s(self, t_cam_s: float) -> float:
         """Half-width of the interval that holds the true offset at a camera time, in seconds."""
         return self.bound_s + self.drift_bound_ppm * 1e-6 * abs(t_cam_s - self.at_s)

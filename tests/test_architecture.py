@@ -22,6 +22,7 @@ ORDER = {
         "synthetic",
         "target",
         "captures",
+        "stamps",
         "instants",
         "cache",
         "detect",
@@ -62,6 +63,7 @@ ORDER = {
         "rigviews",
         "drift",
         "world",
+        "sync",
         "formats",
         "report",
         "pipeline",
@@ -86,16 +88,27 @@ ORDER = {
         "cli",
     ],
 }
-SEEN_BY_RECOGNITION = {"errors", "geometry", "camera", "rig", "site", "captures", "instants", "rigfile", "rigdocument"}
+SEEN_BY_RECOGNITION = {
+    "errors",
+    "geometry",
+    "camera",
+    "rig",
+    "site",
+    "captures",
+    "stamps",
+    "instants",
+    "rigfile",
+    "rigdocument",
+}
 ENGINES = {
     "pycolmap": {"rigcal._colmap"},
     "onnxruntime": {"recognition.detectors"},
-    "mcap": {"recognition.recording"},
+    "mcap": {"recognition.recording", "rigcal.sync"},
     "mcap_protobuf": {"recognition.recording"},
     "foxglove_schemas_protobuf": {"recognition.recording"},
     "typer": {"rigcal.cli", "recognition.cli"},
     "reportlab": {"rigcal.target"},
-    "av": {"rigcal.captures", "recognition.sources"},
+    "av": {"rigcal.captures", "rigcal.sync", "recognition.sources"},
 }
 
 

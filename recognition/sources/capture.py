@@ -25,8 +25,9 @@ from recognition.observations import FrameSet, ViewFrame
 from rigcal.captures import Capture, CaptureCamera, open_capture, read_image
 from rigcal.errors import BrokenFileError
 from rigcal.geometry import Floats
-from rigcal.instants import find_instants, match_camera_id
+from rigcal.instants import find_instants
 from rigcal.rig import Rig
+from rigcal.stamps import match_camera_id
 
 _STILL = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}
 

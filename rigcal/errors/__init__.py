@@ -34,6 +34,7 @@
     │   ├── BelowFloorError
     │   └── WorldPointError
     ├── DriftError                views that cannot tell which camera moved
+    ├── SyncError                 clocks that cannot be measured from what was given
     └── FormatError               another tool's file
         ├── FormatEntryError
         ├── UnknownFormatError
@@ -76,6 +77,7 @@ from rigcal.errors._rigs import (
     WorldError,
     WorldPointError,
 )
+from rigcal.errors._sync import SyncError
 
 __all__ = [
     "BelowFloorError",
@@ -107,6 +109,7 @@ __all__ = [
     "RigcalError",
     "SisterError",
     "SiteFileError",
+    "SyncError",
     "TableError",
     "TargetError",
     "TimestampsError",

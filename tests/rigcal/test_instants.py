@@ -7,8 +7,9 @@ import pytest
 
 from rigcal.captures import Capture, CaptureCamera, open_capture
 from rigcal.errors import TimestampsError
-from rigcal.instants import find_instants, group_by_time, match_camera_id
+from rigcal.instants import find_instants, group_by_time
 from rigcal.rig import ClockModel
+from rigcal.stamps import match_camera_id
 
 REAL = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 
