@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -22,8 +22,9 @@ from rigcal.errors import RigcalError, writing
 
 if TYPE_CHECKING:
     from recognition.detectors import Detector
+    from recognition.feeds import Feed
     from recognition.recording import Recorded
-    from recognition.runtime import Instant, RunResult
+    from recognition.runtime import RunResult
     from rigcal.rig import Rig
 
 app = typer.Typer(
@@ -80,6 +81,12 @@ def run(
         float | None,
         typer.Option(min=0.001, help="Frame rate where the images or detections hold no times [rig file's, else 30]."),
     ] = None,
+    interpolate: Annotated[
+        bool,
+        typer.Option(
+            "--interpolate", help="Move detections to the instants' common times; for cameras not triggered together."
+        ),
+    ] = False,
     realtime: Annotated[bool, typer.Option("--realtime", help="Pace files at their capture time.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -87,6 +94,7 @@ def run(
 
     Exit code 0: done; 2: bad input, or a rig file that must not be run.
     """
+    from recognition.feeds import FeedOptions, open_feed
     from recognition.recording import Recorder
     from recognition.runtime import RunOptions
     from recognition.runtime import run as run_instants
@@ -100,22 +108,26 @@ def run(
     declared = known.get("fps") if isinstance(known, dict) else None
     rate = fps or (float(declared) if isinstance(declared, (int, float)) else DEFAULT_FPS)
     detector = _detector(object_model, pose_model, needed=source is not None and detections is None)
-    instants, total, facts = _instants(loaded, source, detections, detector, use, rate)
+    feed = open_feed(loaded, source, detections, detector, FeedOptions(use, rate, interpolate))
     metadata = {
         "association": association.value,
         "views": ",".join(camera_id for camera_id, wanted in zip(loaded.camera_ids, use, strict=True) if wanted),
-        **facts,
+        "interpolate": str(interpolate).lower(),
+        **feed.facts,
+        **({"sync": json.dumps(feed.sync.document, ensure_ascii=False)} if feed.sync else {}),
         **({f"model.{m.family}": f"{m.name} {m.sha256}" for m in detector.model_info} if detector else {}),
     }
     with writing(output):
         recorder = Recorder(output, rig=loaded, rig_json=rig.read_bytes(), metadata=metadata)
-        with recorder, _progress(total, quiet=as_json) as progress, _stop_on_interrupt() as stop:
+        with recorder, _progress(feed.total, quiet=as_json) as progress, _stop_on_interrupt() as stop:
+            for warning in feed.warnings:
+                recorder.log("warning", warning, feed.start_ns)
             options = RunOptions(realtime=realtime)
-            result = run_instants(loaded, instants, recorder, options, progress=progress, stop=stop)
+            result = run_instants(loaded, feed.instants, recorder, options, progress=progress, stop=stop)
         recorded = recorder.close()
     if poses is not None:
         _write_poses(result, loaded, poses)
-    _tell(loaded, result, recorded, facts, poses, as_json)
+    _tell(loaded, result, recorded, feed, poses, as_json)
 
 
 @app.command()
@@ -225,40 +237,6 @@ def _detector(object_model: Path | None, pose_model: Path | None, *, needed: boo
     return load_detector(object_model, pose_model)
 
 
-def _instants(
-    rig: Rig,
-    source: Path | None,
-    detections: Path | None,
-    detector: Detector | None,
-    use: Sequence[bool],
-    fps: float,
-) -> tuple[Iterator[Instant], int, dict[str, str]]:
-    """The instants of a run, how many there are, and what is to be told about them."""
-    from recognition.runtime import instants_of_both, instants_of_capture, instants_of_detections
-    from recognition.sources.capture import open_source
-    from recognition.sources.detections_file import read_detections
-
-    known = read_detections(detections, rig) if detections is not None else None
-    if source is None:
-        if known is None:
-            raise SourceError(
-                "nothing to run on",
-                where="recognition run",
-                expected="--source CAPTURE, --detections FILE.npz, or both",
-                got="neither",
-                do_next="give at least one of them",
-            )
-        times = "frame_time_s" if known.time_s is not None else f"frame numbers at {fps:g} fps"
-        return instants_of_detections(known, fps=fps, use=use), len(known.frames), {"instants": times}
-    capture = open_source(source, rig, use=use, fps=fps)
-    facts = {"instants": capture.rule, "spread_s": f"{capture.spread_s:.6f}"}
-    if known is not None:
-        return instants_of_both(capture, known, use=use), len(capture.t_ns), facts
-    if detector is None:
-        raise ValueError("a capture without detections needs a detector")
-    return instants_of_capture(capture, detector), len(capture.t_ns), facts
-
-
 def _write_poses(result: RunResult, rig: Rig, path: Path) -> None:
     from recognition.poses import Poses, write_poses
 
@@ -266,18 +244,19 @@ def _write_poses(result: RunResult, rig: Rig, path: Path) -> None:
         write_poses(Poses.of(result.scenes, rig.world_from_rig), path)
 
 
-def _tell(
-    rig: Rig, result: RunResult, recorded: Recorded, facts: dict[str, str], poses: Path | None, as_json: bool
-) -> None:
+def _tell(rig: Rig, result: RunResult, recorded: Recorded, feed: Feed, poses: Path | None, as_json: bool) -> None:
     if as_json:
         _print_json(
             {
                 "recording": str(recorded.path),
                 "poses": str(poses) if poses else None,
                 "verdict": rig.verdict,
-                "instants": len(result.scenes),
+                "instants": result.instants,
+                "scenes": len(result.scenes),
                 "stopped": result.stopped,
-                "rule": facts,
+                "rule": feed.facts,
+                "sync": feed.sync.document if feed.sync else None,
+                "warnings": list(feed.warnings),
                 "people_detected": dict(result.detections),
                 "workers": {str(track): count for track, count in result.worker_instants.items()},
                 "objects": result.object_instants,
@@ -288,7 +267,12 @@ def _tell(
         return
     if result.stopped:
         typer.echo("stopped by the keyboard: everything up to here is in the recording")
-    typer.echo(f"{len(result.scenes)} instants ({', '.join(f'{k} {v}' for k, v in facts.items())}), rig {rig.verdict}")
+    facts = ", ".join(f"{k} {v}" for k, v in feed.facts.items())
+    typer.echo(f"{result.instants} instants, {len(result.scenes)} of them in 3D ({facts}), rig {rig.verdict}")
+    for line in feed.sync.lines() if feed.sync else ():
+        typer.echo(line)
+    for warning in feed.warnings:
+        typer.echo(f"warning: {warning}")
     typer.echo("people detected  " + ", ".join(f"{c} {n}" for c, n in result.detections.items()))
     for track, count in result.worker_instants.items():
         typer.echo(f"  worker {track}: seen in 3D at {count} instants")

@@ -81,9 +81,38 @@ class FrameSet:
     index: int
     """Number of the instant, from 0."""
     t_ns: int
-    """Rig time in nanoseconds."""
+    """The instant's common time: rig time in nanoseconds."""
     views: tuple[ViewFrame | None, ...]
     """(V,) frames in rig order; None where a camera has none."""
+    times_ns: tuple[int | None, ...] = ()
+    """(V,) rig time of what each camera saw, None where it took no part. Without it: the times of the frames, or the
+    common one for every camera where nobody has a frame, as with detections alone."""
+
+    def __post_init__(self) -> None:
+        if not self.times_ns:
+            own = tuple(None if view is None else view.t_ns for view in self.views)
+            known = own if any(t_ns is not None for t_ns in own) else (self.t_ns,) * len(own)
+            object.__setattr__(self, "times_ns", known)
+
+    @property
+    def cameras(self) -> int:
+        """How many cameras took part."""
+        return sum(t_ns is not None for t_ns in self.times_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """One instant, ready for 3D."""
+
+    frame_set: FrameSet
+    views: tuple[ViewDetections, ...]
+    """(V,) what each camera saw, where it was at the camera's own time."""
+    common: tuple[ViewDetections, ...] = ()
+    """(V,) the same detections, where they were at the common time; without it: ``views`` as they are."""
+
+    def __post_init__(self) -> None:
+        if not self.common:
+            object.__setattr__(self, "common", self.views)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

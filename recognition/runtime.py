@@ -2,34 +2,25 @@
 
 What happens to one instant is the same whether its frames come from files or its detections from a file: associate the
 views, triangulate, track, record. The loop itself holds only the tracker's state.
+
+Decision: an instant of a single camera is recorded, frame and detections, but is no scene. Nothing can be placed from
+one view, and an empty scene would say that nobody is there.
 """
 
 from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from recognition.association import AssociationOptions, associate
-from recognition.detectors import Detector
 from recognition.epipolar import RigGeometry
-from recognition.observations import FrameSet, Scene, ViewDetections
+from recognition.observations import Instant, Scene, ViewDetections
 from recognition.recording import Recorder, ViewTracks
-from recognition.sources.capture import CaptureSource
-from recognition.sources.detections_file import DetectionsFile
 from recognition.tracking import Tracker, TrackerState, TrackingOptions
 from recognition.triangulation import triangulate_objects, triangulate_people
 from rigcal.rig import Rig
-
-
-@dataclass(frozen=True, slots=True)
-class Instant:
-    """One instant, ready for 3D."""
-
-    frame_set: FrameSet
-    views: tuple[ViewDetections, ...]
-    """(V,) what each camera saw."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +38,9 @@ class RunResult:
     """What a run found."""
 
     scenes: tuple[Scene, ...]
+    """What was known in 3D, at each instant that two cameras or more took part in."""
+    instants: int
+    """How many instants there were, those of a single camera included."""
     detections: Mapping[str, int]
     """People detected per camera, over all instants."""
     stopped: bool = False
@@ -65,35 +59,6 @@ class RunResult:
         )
 
 
-def instants_of_capture(source: CaptureSource, detector: Detector) -> Iterator[Instant]:
-    """Frames of a capture, and what a detector finds in them."""
-    for frame_set in source.frame_sets():
-        views = tuple(
-            detector.detect(view.image_bgr) if view is not None else ViewDetections.empty() for view in frame_set.views
-        )
-        yield Instant(frame_set, views)
-
-
-def instants_of_detections(detections: DetectionsFile, *, fps: float, use: Sequence[bool]) -> Iterator[Instant]:
-    """Detections of a file without frames; its frame numbers become times at ``fps`` where it holds none."""
-    nothing = (None,) * detections.cameras
-    for index, frame in enumerate(detections.frames):
-        t_s = frame / fps if detections.time_s is None else float(detections.time_s[index])
-        yield Instant(FrameSet(frame, round(t_s * 1e9), nothing), _wanted(detections.views(frame), use))
-
-
-def instants_of_both(source: CaptureSource, detections: DetectionsFile, *, use: Sequence[bool]) -> Iterator[Instant]:
-    """Frames of a capture, and detections of a file whose frame numbers count the capture's instants."""
-    for frame_set in source.frame_sets():
-        known = frame_set.index in detections.frames
-        views = detections.views(frame_set.index) if known else (ViewDetections.empty(),) * detections.cameras
-        yield Instant(frame_set, _wanted(views, use))
-
-
-def _wanted(views: Sequence[ViewDetections], use: Sequence[bool]) -> tuple[ViewDetections, ...]:
-    return tuple(view if wanted else ViewDetections.empty() for view, wanted in zip(views, use, strict=True))
-
-
 def run(
     rig: Rig,
     instants: Iterable[Instant],
@@ -107,7 +72,7 @@ def run(
 
     Args:
         rig: The rig.
-        instants: From one of the functions above.
+        instants: As :func:`recognition.feeds.open_feed` makes them.
         recorder: Where frames, detections and scenes are recorded; open.
         options: Thresholds and pace.
         progress: Called with the number of instants done.
@@ -116,29 +81,59 @@ def run(
     Returns:
         What was found.
     """
-    geometry, tracker, state = RigGeometry.of(rig), Tracker(rig.world_from_rig, options.tracking), TrackerState()
+    placing = _Placing(RigGeometry.of(rig), Tracker(rig.world_from_rig, options.tracking), options.association)
     scenes: list[Scene] = []
     seen: Counter[str] = Counter(dict.fromkeys(rig.camera_ids, 0))
     pace = _Pace() if options.realtime else None
-    stopped = False
+    stopped, done = False, 0
     for instant in instants:
         if stopped := stop is not None and stop():
             break
         frame_set = instant.frame_set
         if pace:
             pace.wait(frame_set.t_ns)
-        association = associate(geometry, instant.views, options.association)
-        people = triangulate_people(geometry, instant.views, association)
-        objects = triangulate_objects(geometry, instant.views, association)
-        state, scene = tracker.step(state, people, objects, t_ns=frame_set.t_ns, index=frame_set.index)
+        scene = placing.scene(instant)
         recorder.write_frames(frame_set)
-        recorder.write_detections(frame_set, instant.views, _tracks_of_views(scene, instant.views))
-        recorder.write_scene(scene)
-        scenes.append(scene)
+        recorder.write_detections(frame_set, *_to_record(instant, scene))
+        if scene:
+            recorder.write_scene(scene)
+            scenes.append(scene)
         seen.update({c: len(v.people_px) for c, v in zip(rig.camera_ids, instant.views, strict=True)})
+        done += 1
         if progress:
-            progress(len(scenes))
-    return RunResult(tuple(scenes), dict(seen), stopped)
+            progress(done)
+    return RunResult(tuple(scenes), done, dict(seen), stopped)
+
+
+class _Placing:
+    """From views to scenes; remembers the tracks."""
+
+    def __init__(self, geometry: RigGeometry, tracker: Tracker, options: AssociationOptions) -> None:
+        self._geometry, self._tracker, self._options = geometry, tracker, options
+        self._state = TrackerState()
+
+    def scene(self, instant: Instant) -> Scene | None:
+        """The scene of an instant; None where one camera saw it, or another scene was at its time."""
+        frame_set, views = instant.frame_set, instant.common
+        before_ns = self._state.t_ns
+        if frame_set.cameras < 2 or (before_ns is not None and frame_set.t_ns <= before_ns):
+            return None
+        association = associate(self._geometry, views, self._options)
+        people = triangulate_people(self._geometry, views, association)
+        objects = triangulate_objects(self._geometry, views, association)
+        self._state, scene = self._tracker.step(
+            self._state, people, objects, t_ns=frame_set.t_ns, index=frame_set.index
+        )
+        return scene
+
+
+def _to_record(
+    instant: Instant, scene: Scene | None
+) -> tuple[list[ViewDetections | None], tuple[ViewTracks, ...] | None]:
+    """What the cameras that took part saw, at their own times, and the tracks of it where there is a scene."""
+    own = zip(instant.views, instant.frame_set.times_ns, strict=True)
+    views = [None if t_ns is None else view for view, t_ns in own]
+    return views, None if scene is None else _tracks_of_views(scene, instant.views)
 
 
 def _tracks_of_views(scene: Scene, views: Sequence[ViewDetections]) -> tuple[ViewTracks, ...]:

@@ -28,6 +28,7 @@ from rigcal.bundle import State
 from rigcal.cache import FOLDER_VARIABLE, default_cache
 from rigcal.corners import Observations
 from rigcal.detect.sweep import core_count
+from rigcal.sync.network import NoTracking, Tracking, read_tracking
 from rigcal.synthetic import arc_rig, board_poses_for_pair, exact_detections
 
 OK, WARNING, FAILED = "ok", "warning", "failed"
@@ -76,6 +77,7 @@ def examine_machine(working_folder: Path, now: datetime) -> tuple[Check, ...]:
         check_cores(core_count()),
         check_memory(_memory_gib()),
         check_clock(now, _installed_at(now)),
+        check_time_service(read_tracking()),
     )
 
 
@@ -247,6 +249,16 @@ def check_clock(now: datetime, not_before: datetime) -> Check:
         f"{told} is before this package was installed, {not_before:%Y-%m-%d %H:%M:%S %Z}",
         "set the system's time, best by turning on network time; dates in rig files would be wrong",
     )
+
+
+def check_time_service(told: Tracking | NoTracking) -> Check:
+    """Whether chronyd keeps this machine's clock, which rig time is, to UTC."""
+    name, mend = "time service", "install chrony and give it a time server; rig times are only as right as this clock"
+    if isinstance(told, NoTracking):
+        return Check(name, WARNING, f"nothing says how far this clock is from UTC: {told.reason}", mend)
+    if told.bound_s is None:
+        return Check(name, WARNING, "chronyd runs and is not synchronised", "give chrony a time server that answers")
+    return Check(name, OK, f"chronyd keeps this clock within {1e3 * told.bound_s:.3g} ms of UTC")
 
 
 def _tried(name: str, check: Callable[[], Check]) -> Check:

@@ -15,7 +15,7 @@ from rigcal.captures import Capture, CaptureCamera, natural_key
 from rigcal.detections import Instants
 from rigcal.geometry import Floats, Ints
 from rigcal.rig import ClockModel
-from rigcal.stamps import frame_stamps
+from rigcal.stamps import frame_stamps, in_rig_time
 
 
 def find_instants(capture: Capture, clocks: Mapping[str, ClockModel | None] | None = None) -> Instants:
@@ -34,7 +34,7 @@ def find_instants(capture: Capture, clocks: Mapping[str, ClockModel | None] | No
     stamps = frame_stamps(capture)
     if stamps is not None and stamps.shared:
         known = [(clocks or {}).get(camera.id) for camera in capture.cameras]
-        in_rig = [_in_rig_time(t, clock) for clock, t in zip(known, stamps.times_s, strict=True)]
+        in_rig = [in_rig_time(t, clock) for clock, t in zip(known, stamps.times_s, strict=True)]
         return group_by_time(in_rig, rule=stamps.rule, fps=[camera.fps for camera in capture.cameras])
     return _group_by_number(capture)
 
@@ -85,10 +85,6 @@ def _period_s(times_s: Sequence[Floats], fps: Sequence[float | None]) -> float:
         return float(np.median(np.diff(most)))
     declared = [1 / rate for rate in fps if rate]
     return max(declared, default=1 / 30)
-
-
-def _in_rig_time(t_cam_s: Floats, clock: ClockModel | None) -> Floats:
-    return t_cam_s if clock is None else np.array([clock.rig_time_s(float(t)) for t in t_cam_s])
 
 
 def _group_by_number(capture: Capture) -> Instants:

@@ -101,9 +101,17 @@ def document_of(
                     name: version(name) for name in ("numpy", "opencv-contrib-python-headless", "pycolmap", "scipy")
                 },
             },
-            "extensions": {"rigcal": _more(calibration)},
+            "extensions": {"rigcal": _more(calibration) | _declared(site)},
         }
     )
+
+
+def _declared(site: Site | None) -> dict[str, object]:
+    """What clocks are judged by later, where the site file says it."""
+    if site is None:
+        return {}
+    motion = {"fastest_motion_m_per_s": site.fastest_motion_m_per_s, "clock_error_m": site.gates.clock_error_m}
+    return {"site": motion}
 
 
 def _more(calibration: SiteCalibration) -> dict[str, object]:

@@ -54,7 +54,7 @@ __all__ = [
 SCHEMA_PATH = Path(__file__).with_name("rig.schema.json")
 """The published JSON Schema, beside this module; :func:`write_schema` renews it."""
 _NOT_GEOMETRY = ("geometry_digest", "created_utc", "history", "provenance")
-_CLOCK_GATE = "clock_error_m"
+_CLOCK_GATE, _CLOCKS = "clock_error_m", "clocks"
 
 
 def digest(document: Mapping[str, Any]) -> str:
@@ -72,7 +72,15 @@ def geometry_digest(document: Mapping[str, Any]) -> str:
     content = {key: value for key, value in document.items() if key not in left_out}
     content["cameras"] = [{k: v for k, v in camera.items() if k != "clock"} for camera in content["cameras"]]
     content["gates"] = [gate for gate in content["gates"] if gate["name"] != _CLOCK_GATE]
+    content["extensions"] = _without_clocks(content.get("extensions", {}))
     return _sha256(content)
+
+
+def _without_clocks(extensions: Mapping[str, Any]) -> dict[str, Any]:
+    ours = extensions.get("rigcal")
+    kept = {k: v for k, v in ours.items() if k != _CLOCKS} if isinstance(ours, dict) else ours
+    others = {name: value for name, value in extensions.items() if name != "rigcal"}
+    return others | ({"rigcal": kept} if kept else {})
 
 
 def _sha256(content: Mapping[str, Any]) -> str:

@@ -146,16 +146,16 @@ class Recorder:
         """What the cameras saw to ``/CAMERA/annotations``, at the times of the frames.
 
         Args:
-            frame_set: The instant; where a camera has no frame in it, its annotations bear the instant's time.
+            frame_set: The instant; a camera that took no part in it has annotations at its common time.
             views: (V,) detections in rig order; None writes nothing for that camera.
             tracks: (V,) tracks of the detections, where they are known.
             receive_ns: As for :meth:`write_frames`.
         """
         outgoing = []
         of_views = (None,) * len(views) if tracks is None else tracks
-        for camera, frame, view, track in zip(self._rig.cameras, frame_set.views, views, of_views, strict=True):
+        for camera, own_ns, view, track in zip(self._rig.cameras, frame_set.times_ns, views, of_views, strict=True):
             if view is not None:
-                t_ns = frame_set.t_ns if frame is None else frame.t_ns
+                t_ns = frame_set.t_ns if own_ns is None else own_ns
                 outgoing.append(_Outgoing(_topic(camera.id, "annotations"), image_annotations(view, track, t_ns), t_ns))
         self._write(outgoing, receive_ns)
 

@@ -1,66 +1,51 @@
-"""Frame sets from a capture on disk: videos or image folders, at one rig time.
+"""Frame sets from a capture on disk: videos or image folders, in rig time.
 
-Cameras of the capture are found for those of the rig by name, else by the unique integer at the end of it. Encoded
-frames are handed on beside the decoded ones wherever they can be recorded as they are: JPEG and PNG files, and H.264
-without reordered frames (a viewer shows Annex B access units one by one, so B-frames cannot be copied).
+Cameras of the capture are found for those of the rig by name, else by the unique integer at the end of it.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
-
-import av
-import av.error
-import numpy as np
-from av.bitstream import BitStreamFilterContext
-from numpy.typing import NDArray
 
 from recognition.errors import SourceError
-from recognition.observations import FrameSet, ViewFrame
-from rigcal.captures import Capture, CaptureCamera, open_capture, read_image
-from rigcal.errors import BrokenFileError
-from rigcal.geometry import Floats
-from rigcal.instants import find_instants
+from recognition.observations import FrameSet
+from recognition.sources.frames import FrameReader
+from recognition.sources.synchrony import SyncReport, judge_synchrony
+from recognition.sources.timing import Timing, capture_clocks, capture_timing
+from rigcal.captures import CaptureCamera, open_capture
 from rigcal.rig import Rig
 from rigcal.stamps import match_camera_id
-
-_STILL = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}
 
 
 @dataclass(frozen=True, slots=True)
 class CaptureSource:
     """A capture, seen from a rig."""
 
-    capture: Capture
     cameras: tuple[CaptureCamera | None, ...]
     """(V,) the capture's camera for each of the rig's; None for a camera that is left out."""
-    frame_idx: tuple[tuple[int, ...], ...]
-    """(I, V) index of each camera's frame at each instant, -1 where it has none."""
-    t_ns: tuple[int, ...]
-    """(I,) rig time of each instant in nanoseconds, strictly ascending."""
-    rule: str
-    """How the instants were found."""
-    spread_s: float
-    """Greatest time difference within an instant."""
+    timing: Timing
+    """Its instants."""
+    sync: SyncReport
+    """How its cameras kept time."""
 
     def frame_sets(self) -> Iterator[FrameSet]:
-        """Every instant in order, decoded.
+        """Every instant in order, decoded, with its number among those of the whole capture.
 
         Raises:
             BrokenFileError: where a file cannot be decoded.
         """
-        readers = [_Reader(camera) if camera else None for camera in self.cameras]
-        for index, (row, t_ns) in enumerate(zip(self.frame_idx, self.t_ns, strict=True)):
+        readers = [FrameReader(camera) if camera else None for camera in self.cameras]
+        rows = (self.timing.frame_idx.tolist(), self.timing.frame_t_ns.tolist())
+        for number, t_ns, frames, times_ns in zip(
+            self.timing.number.tolist(), self.timing.t_ns.tolist(), *rows, strict=True
+        ):
             views = tuple(
-                reader.frame(frame, t_ns) if reader and frame >= 0 else None
-                for reader, frame in zip(readers, row, strict=True)
+                reader.frame(frame, own_ns) if reader and frame >= 0 else None
+                for reader, frame, own_ns in zip(readers, frames, times_ns, strict=True)
             )
-            yield FrameSet(index, t_ns, views)
+            yield FrameSet(number, t_ns, views)
 
 
 def open_source(path: Path, rig: Rig, *, use: Sequence[bool], fps: float) -> CaptureSource:
@@ -95,25 +80,11 @@ def open_source(path: Path, rig: Rig, *, use: Sequence[bool], fps: float) -> Cap
         for match, wanted in zip(matches, use, strict=True)
     )
     _require_sizes(path, rig, cameras)
-    clocks = {match: camera.clock for match, camera in zip(matches, rig.cameras, strict=True) if match}
-    instants = find_instants(capture, clocks)
+    models = {match: camera.clock for match, camera in zip(matches, rig.cameras, strict=True) if match}
     columns = [ids.index(match) if match and wanted else -1 for match, wanted in zip(matches, use, strict=True)]
-    padded = np.column_stack([instants.frame_idx, np.full(len(instants.frame_idx), -1)])
-    frame_idx = padded[:, columns]
-    held = (frame_idx >= 0).any(axis=1)
-    t_s = _seconds(instants.t_s, frame_idx, cameras, instants.rule, fps)
-    t_ns = np.rint(t_s[held] * 1e9).astype(np.int64)
-    if (np.diff(t_ns) <= 0).any():
-        raise SourceError(
-            "two instants of the capture have the same time",
-            where=path,
-            expected="frames at different times",
-            got=f"rule {instants.rule}",
-            do_next="check timestamps.csv and the file names for repeated times",
-        )
-    spread_s = float(instants.spread_s.max(initial=0.0))
-    rows = tuple(tuple(row) for row in frame_idx[held].tolist())
-    return CaptureSource(capture, cameras, rows, tuple(t_ns.tolist()), instants.rule, spread_s)
+    clocks = capture_clocks(capture, models)
+    timing = capture_timing(capture, clocks, columns, fps=fps)
+    return CaptureSource(cameras, timing, judge_synchrony(timing, clocks, columns, capture.cameras, rig))
 
 
 def _require_sizes(path: Path, rig: Rig, cameras: Sequence[CaptureCamera | None]) -> None:
@@ -128,80 +99,3 @@ def _require_sizes(path: Path, rig: Rig, cameras: Sequence[CaptureCamera | None]
                 do_next="record at the calibrated resolution without cropping, calibrate at this one, or leave the "
                 "camera out with --views",
             )
-
-
-def _seconds(
-    t_s: Floats, frame_idx: NDArray[np.int64], cameras: Sequence[CaptureCamera | None], rule: str, fps: float
-) -> Floats:
-    """Times of the instants: as grouped, else the presentation time of the first video, else frame number / fps."""
-    if rule not in ("frame numbers", "none"):
-        return t_s
-    for column, camera in enumerate(cameras):
-        if camera is not None and camera.times_s and (frame_idx[:, column] >= 0).all():
-            return np.array([camera.times_s[frame] for frame in frame_idx[:, column]])
-    rate = next((camera.fps for camera in cameras if camera and camera.fps), fps)
-    return t_s / rate
-
-
-class _Frame(NamedTuple):
-    frame_idx: int
-    image_bgr: NDArray[np.uint8]
-    encoded: bytes | None = None
-    encoding: str = ""
-
-
-class _Reader:
-    """One camera's frames, in any order that does not go far back."""
-
-    def __init__(self, camera: CaptureCamera) -> None:
-        self._frames = _video(camera) if camera.kind == "video" else _stills(camera)
-        self._waiting: dict[int, _Frame] = {}
-
-    def frame(self, frame_idx: int, t_ns: int) -> ViewFrame:
-        while frame_idx not in self._waiting:
-            read = next(self._frames)
-            self._waiting[read.frame_idx] = read
-        found = self._waiting.pop(frame_idx)
-        return ViewFrame(frame_idx, t_ns, found.image_bgr, found.encoded, found.encoding)
-
-
-def _stills(camera: CaptureCamera) -> Iterator[_Frame]:
-    for index, path in enumerate(camera.paths):
-        encoding = _STILL.get(path.suffix.lower(), "")
-        image = read_image(camera, path, colour=True)
-        yield _Frame(index, image, path.read_bytes() if encoding else None, encoding)
-
-
-def _video(camera: CaptureCamera) -> Iterator[_Frame]:
-    path, count = camera.paths[0], 0
-    try:
-        copied = _can_be_copied(path)
-        with av.open(str(path)) as container:
-            stream = container.streams.video[0]
-            stream.thread_type = "AUTO"
-            to_annex_b = BitStreamFilterContext("h264_mp4toannexb", stream) if copied else None
-            encoded: deque[bytes] = deque()
-            for packet in container.demux(stream):
-                has_content = packet.size > 0
-                frames = packet.decode()  # before the filter, which takes the packet's content away
-                if to_annex_b and has_content:
-                    encoded.extend(bytes(filtered) for filtered in to_annex_b.filter(packet))
-                for frame in frames:
-                    image = np.asarray(frame.to_ndarray(format="bgr24"), dtype=np.uint8)
-                    yield _Frame(count, image, encoded.popleft(), "h264") if copied else _Frame(count, image)
-                    count += 1
-    except av.error.FFmpegError as error:
-        raise BrokenFileError(path, expected=f"{len(camera.frames)} frames", got=f"{count} frames, {error}") from error
-    if count != len(camera.frames):
-        raise BrokenFileError(path, expected=f"{len(camera.frames)} frames", got=f"{count} frames")
-
-
-def _can_be_copied(path: Path) -> bool:
-    """Whether a video is H.264 whose frames are stored in the order in which they are shown."""
-    with av.open(str(path)) as container:
-        stream = container.streams.video[0]
-        if stream.codec_context.name != "h264":
-            return False
-        shown = [packet.pts for packet in container.demux(stream) if packet.size]
-    known = [pts for pts in shown if pts is not None]
-    return len(known) == len(shown) and all(a < b for a, b in pairwise(known))

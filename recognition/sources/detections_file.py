@@ -1,12 +1,14 @@
 """Detections made elsewhere: the ``--detections`` file, a NumPy archive (``.npz``) of flat arrays.
 
 ``det_frame (N,)``, ``det_view (N,)`` and ``det_kpts (N, 17, 3)`` (x px, y px, score; score 0: not detected); where
-there are objects ``obj_frame, obj_view, obj_class, obj_xyxy (K, 4), obj_score``; optionally ``frame_time_s (F,)``, the
-times of frames 0 to F - 1. Pixels are distorted, at the rig's image sizes; a view counts the rig's cameras.
+there are objects ``obj_frame, obj_view, obj_class, obj_xyxy (K, 4), obj_score``; optionally ``frame_time_s``, the rig
+times of frames 0 to F - 1: ``(F,)``, or ``(F, V)`` where each camera has its own (NaN: it has no frame). Pixels are
+distorted, at the rig's image sizes; a view counts the rig's cameras.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.observations import ViewDetections
-from recognition.sources.detections_form import checked_objects, checked_people, checked_times, loaded
-from rigcal.geometry import Floats, Ints
+from recognition.sources.detections_form import check_taken_part, checked_objects, checked_people, checked_times, loaded
+from rigcal.geometry import Bools, Floats, Ints
 from rigcal.rig import Rig
 
 
@@ -47,7 +49,7 @@ class DetectionsFile:
     frames: range
     """Frame numbers: 0 to F - 1 where the file has times, else from the first detection's to the last one's."""
     time_s: Floats | None
-    """(F,) seconds of each frame, ascending; None where the file has no times."""
+    """(F, V) seconds of each frame by camera, NaN where a camera has none; None where the file has no times."""
     cameras: int
     """V, the number of the rig's cameras."""
     _people: _Rows
@@ -56,6 +58,29 @@ class DetectionsFile:
     def views(self, frame: int) -> tuple[ViewDetections, ...]:
         """(V,) detections of a frame number, in rig order; empty where the file has none."""
         return tuple(self._view(frame * self.cameras + view) for view in range(self.cameras))
+
+    def times_ns(self, frame: int, *, use: Sequence[bool], fps: float) -> tuple[int | None, ...]:
+        """(V,) rig time of each camera's view of a frame, by ``fps`` where the file has no times.
+
+        None for a camera that has no frame, or that ``use`` leaves out.
+        """
+        times_s = [frame / fps] * self.cameras if self.time_s is None else self.time_s[frame].tolist()
+        return tuple(
+            round(t * 1e9) if used and math.isfinite(t) else None for t, used in zip(times_s, use, strict=True)
+        )
+
+    @property
+    def has_own_times(self) -> bool:
+        """Whether the cameras saw a frame at times of their own."""
+        return self.time_s is not None and bool((np.nanmin(self.time_s, axis=1) < np.nanmax(self.time_s, axis=1)).any())
+
+    def outside(self, number: Ints, seen: Bools) -> int:
+        """How many people and objects belong to no frame of the instants ``number`` (I,), in which the cameras took
+        part that ``seen`` (I, V) says; those of cameras that took part nowhere are not counted."""
+        there = (number[:, None] * self.cameras + np.arange(self.cameras))[seen]
+        keys = np.concatenate([self._people.key, self._objects.key])
+        part: Bools = np.asarray(seen.any(axis=0))
+        return int((~np.isin(keys, there) & part[keys % self.cameras]).sum())
 
     def _view(self, key: int) -> ViewDetections:
         (keypoints,) = self._people.of(key)
@@ -87,7 +112,9 @@ def read_detections(path: Path, rig: Rig) -> DetectionsFile:
     people, objects = checked_people(path, arrays, rig), checked_objects(path, arrays, rig)
     numbers = np.concatenate([people["det_frame"], objects["obj_frame"]]).astype(np.int64)
     frames = range(int(numbers.min()), int(numbers.max()) + 1) if len(numbers) else range(0)
-    time_s = checked_times(path, arrays, frames)
+    time_s = checked_times(path, arrays, frames, rig)
+    check_taken_part(path, people, "det", time_s)
+    check_taken_part(path, objects, "obj", time_s)
     return DetectionsFile(
         frames=frames if time_s is None else range(len(time_s)),
         time_s=time_s,
@@ -105,7 +132,10 @@ def read_detections(path: Path, rig: Rig) -> DetectionsFile:
 
 
 def write_detections(
-    path: Path, frames: Sequence[Sequence[ViewDetections]], *, time_s: Sequence[float] | None = None
+    path: Path,
+    frames: Sequence[Sequence[ViewDetections]],
+    *,
+    time_s: Sequence[float] | Sequence[Sequence[float]] | None = None,
 ) -> None:
     """Write the file that :func:`read_detections` reads.
 
@@ -113,7 +143,7 @@ def write_detections(
         path: of the file; it is overwritten.
         frames: (F,) frames from number 0, each with one entry per camera of the rig. Scores and pixels are stored
             as float32.
-        time_s: (F,) seconds of the frames; None to write none.
+        time_s: (F,) seconds of the frames, or (F, V) by camera; None to write none.
     """
     flat = [(number, view, seen) for number, views in enumerate(frames) for view, seen in enumerate(views)]
     people = [len(seen.people_px) for _, _, seen in flat]

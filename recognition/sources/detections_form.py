@@ -25,9 +25,8 @@ _FORMS: dict[str, tuple[tuple[int | None, ...], str]] = {
     "obj_class": ((None,), "text"),
     "obj_xyxy": ((None, 4), "numbers"),
     "obj_score": ((None,), "numbers"),
-    "frame_time_s": ((None,), "numbers"),
 }
-"""Shape (None: any length) and kind of each array."""
+"""Shape (None: any length) and kind of each array of detections."""
 _KINDS: dict[str, tuple[str, type[np.generic]]] = {
     "integers": ("iu", np.int64),
     "numbers": ("fiu", np.float64),
@@ -52,7 +51,7 @@ def loaded(path: Path) -> Arrays:
             archive = np.load(file, allow_pickle=False)
             if isinstance(archive, np.ndarray):
                 raise _error(path, "this file is one array", expected="an archive of arrays (.npz)", got=archive.shape)
-            return {name: archive[name] for name in archive.files if name in _FORMS}
+            return {name: archive[name] for name in archive.files if name in (*_FORMS, _TIMES)}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise _error(path, "cannot read this file", expected="a .npz file of plain arrays", got=error) from error
 
@@ -99,27 +98,57 @@ def checked_objects(path: Path, arrays: Arrays, rig: Rig) -> Arrays:
     return objects
 
 
-def checked_times(path: Path, arrays: Arrays, frames: range) -> Floats | None:
-    """``frame_time_s``, None where the file has none; DetectionsFileError where it does not ascend over ``frames``."""
+def checked_times(path: Path, arrays: Arrays, frames: range, rig: Rig) -> Floats | None:
+    """``frame_time_s`` as (F, V), None where the file has none; NaN: the camera has no frame.
+
+    Raises:
+        DetectionsFileError: where a frame has no time, it does not cover ``frames``, or the times of the frames or of
+            a camera do not ascend.
+    """
     if _TIMES not in arrays:
         return None
-    _check_forms(path, {_TIMES: arrays[_TIMES]})
-    _check_finite(path, _TIMES, arrays[_TIMES])
-    time_s = arrays[_TIMES].astype(np.float64)
-    if len(time_s) < frames.stop:
+    given, cameras = arrays[_TIMES], len(rig.cameras)
+    if not given.ndim or given.shape[1:] not in ((), (cameras,)):
+        expected = f"(N), or (N, {cameras}) with a time for each camera"
+        raise _error(path, f"{_TIMES} has another shape", expected=expected, got=given.shape)
+    if given.dtype.kind not in _KINDS["numbers"][0]:
+        raise _error(path, f"{_TIMES} has another type", expected="numbers", got=given.dtype)
+    columns = given.astype(np.float64).reshape(len(given), -1)
+    _check_finite(path, _TIMES, columns[np.isnan(columns).all(axis=1) | np.isinf(columns).any(axis=1)])
+    if len(given) < frames.stop:
         raise _error(
             path,
             f"{_TIMES} does not cover every frame",
             expected=f"{frames.stop} times or more, one for each frame from 0 to {frames.stop - 1}",
-            got=len(time_s),
+            got=len(given),
         )
-    back = np.flatnonzero(np.diff(time_s) <= 0)
-    if len(back):
-        n = int(back[0])
-        got = f"{time_s[n]:g} s, then {time_s[n + 1]:g} s at frame {n + 1}"
-        raise _error(path, f"{_TIMES} does not ascend", expected="each time after the one before", got=got)
+    for t_s in (np.nanmean(columns, axis=1), *columns.T):
+        _check_ascending(path, t_s)
+    time_s = np.tile(columns, (1, cameras // columns.shape[1]))
     time_s.setflags(write=False)
     return time_s
+
+
+def check_taken_part(path: Path, arrays: Arrays, kind: str, time_s: Floats | None) -> None:
+    """Refuse detections, ``det`` or ``obj``, of a camera that has no time in their frame; DetectionsFileError."""
+    if time_s is None:
+        return
+    frame, view = arrays[f"{kind}_frame"], arrays[f"{kind}_view"]
+    absent = np.flatnonzero(np.isnan(time_s[frame, view]))
+    if len(absent):
+        row = int(absent[0])
+        got = f"frame {frame[row]}, view {view[row]} in row {row}"
+        what = f"{kind}_view names a camera that has no time in its frame"
+        raise _error(path, what, expected=f"a time in {_TIMES} for each detection's frame and view", got=got)
+
+
+def _check_ascending(path: Path, t_s: Floats) -> None:
+    frame = np.flatnonzero(np.isfinite(t_s))
+    back = np.flatnonzero(np.diff(t_s[frame]) <= 0)
+    if len(back):
+        last, n = frame[back[0]], frame[back[0] + 1]
+        got = f"{t_s[last]:g} s, then {t_s[n]:g} s at frame {n}"
+        raise _error(path, f"{_TIMES} does not ascend", expected="each time after the one before", got=got)
 
 
 def _nothing(name: str) -> NDArray[Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ if TYPE_CHECKING:
     from rigcal.board import Board
     from rigcal.captures import Capture
     from rigcal.detections import SiteDetections
+    from rigcal.rig import ClockModel
     from rigcal.site import Site
 
 
@@ -26,8 +28,10 @@ def find_boards(path: Path, board: Board, site: Site | None, cache: bool) -> Sit
     return detections
 
 
-def search(capture: Capture, board: Board, cache: bool) -> SiteDetections:
-    """Find the boards in an open capture, with a progress bar on a terminal."""
+def search(
+    capture: Capture, board: Board, cache: bool, clocks: Mapping[str, ClockModel | None] | None = None
+) -> SiteDetections:
+    """Find the boards in an open capture, with a progress bar on a terminal; instants by the rig's clocks."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     from rigcal.cache import default_cache
@@ -41,7 +45,7 @@ def search(capture: Capture, board: Board, cache: bool) -> SiteDetections:
         return detect_boards(
             capture,
             board,
-            instants=find_instants(capture),
+            instants=find_instants(capture, clocks),
             cache=default_cache() if cache else None,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )

@@ -34,18 +34,19 @@ def views_of_rig(path: Path, board: Board, document: RigDocument, cache: bool) -
     """
     from rigcal.captures import open_capture
     from rigcal.diagnose import check_boards
+    from rigcal.rigfile import rig_of
 
     found = open_capture(path)
-    _check_cameras(found, document)
+    check_cameras(found, document)
     ids = [camera.id for camera in found.cameras]
     capture = open_capture(path, camera_order=[c for c in document.camera_ids if c in ids])
-    detections = search(capture, board, cache)
+    detections = search(capture, board, cache, {camera.id: camera.clock for camera in rig_of(document).cameras})
     if not any(camera.views for camera in detections.cameras):
         check_boards(capture, detections)
     return detections
 
 
-def _check_cameras(capture: Capture, document: RigDocument) -> None:
+def check_cameras(capture: Capture, document: RigDocument) -> None:
     from rigcal.errors import ImageSizeError, RigCaptureError
 
     known = {camera.id: camera for camera in document.cameras}

@@ -35,6 +35,16 @@
     │   └── WorldPointError
     ├── DriftError                views that cannot tell which camera moved
     ├── SyncError                 clocks that cannot be measured from what was given
+    │   ├── KeypointsFileError        a detections file that is not as documented
+    │   ├── ProbeLogError             a log of probes that cannot be read
+    │   ├── RecordedClocksError       a recording without frame times
+    │   ├── NoExchangesError          no answered probe to tell a clock from
+    │   ├── NoStampsError             a capture without frame times
+    │   ├── ComparisonError           cameras whose pictures cannot be compared
+    │   ├── StampsError               stamps of frames that are no times
+    │   ├── TimeHostError             a host that cannot be read, or is no camera's
+    │   ├── TracksError               tracks of points that tell no clocks
+    │   └── ServeTimeError            the time cannot be served at that address and port
     └── FormatError               another tool's file
         ├── FormatEntryError
         ├── UnknownFormatError
@@ -77,7 +87,19 @@ from rigcal.errors._rigs import (
     WorldError,
     WorldPointError,
 )
-from rigcal.errors._sync import SyncError
+from rigcal.errors._sync import (
+    ComparisonError,
+    KeypointsFileError,
+    NoExchangesError,
+    NoStampsError,
+    ProbeLogError,
+    RecordedClocksError,
+    ServeTimeError,
+    StampsError,
+    SyncError,
+    TimeHostError,
+    TracksError,
+)
 
 __all__ = [
     "BelowFloorError",
@@ -85,6 +107,7 @@ __all__ = [
     "BrokenFileError",
     "CalibrationError",
     "CaptureError",
+    "ComparisonError",
     "DetectionError",
     "DriftError",
     "EmptyCaptureError",
@@ -93,27 +116,36 @@ __all__ = [
     "FormatEntryError",
     "FormatError",
     "ImageSizeError",
+    "KeypointsFileError",
     "LossyExportError",
     "MeasuredLengthError",
     "MirroredImagesError",
     "NoBoardError",
+    "NoExchangesError",
+    "NoStampsError",
     "NotConnectedError",
     "NotFlatError",
     "OptionError",
     "OutputError",
+    "ProbeLogError",
+    "RecordedClocksError",
     "RigCaptureError",
     "RigFileDigestError",
     "RigFileError",
     "RigFileSchemaError",
     "RigFileVersionError",
     "RigcalError",
+    "ServeTimeError",
     "SisterError",
     "SiteFileError",
+    "StampsError",
     "SyncError",
     "TableError",
     "TargetError",
+    "TimeHostError",
     "TimestampsError",
     "TooFewViewsError",
+    "TracksError",
     "UnclearBoardError",
     "UnknownFormatError",
     "WorldError",

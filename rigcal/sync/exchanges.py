@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,12 @@ class Exchanges:
         count = len(self.sent_ns)
         fields = ("sent_ns", "received_ns", "replied_ns", "returned_ns", "rig_monotonic_ns", "host_monotonic_ns")
         freeze(self, np.int64, **dict.fromkeys(fields, (count,)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Exchanges]) -> Exchanges:
+        """The exchanges of several probes of one host, in the order of the parts."""
+        names = cls.__slots__
+        return cls(*(np.concatenate([getattr(part, name) for part in parts] or [[]]) for name in names))
 
     def __len__(self) -> int:
         return len(self.sent_ns)

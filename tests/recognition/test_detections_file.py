@@ -74,7 +74,8 @@ def test_what_is_written_is_read(tmp_path):
     write_detections(tmp_path / "d.npz", frames, time_s=[0.0, 0.1, 0.2, 0.3])
     file = read_detections(tmp_path / "d.npz", RIG)
     assert file.frames == range(4)
-    assert file.time_s.tolist() == [0.0, 0.1, 0.2, 0.3]
+    assert file.time_s.tolist() == [[t] * 4 for t in (0.0, 0.1, 0.2, 0.3)]
+    assert not file.has_own_times
     assert not file.time_s.flags.writeable
     for number in file.frames:
         for got, want in zip(file.views(number), frames[number], strict=True):
@@ -283,8 +284,28 @@ BAD = [
         "finite numbers",
         "1 that are not finite",
     ),
-    ("frame_time_s", np.zeros((3, 1)), "frame_time_s has another shape", "(N)", "(3, 1)"),
+    (
+        "frame_time_s",
+        np.zeros((3, 1)),
+        "frame_time_s has another shape",
+        "(N), or (N, 4) with a time for each camera",
+        "(3, 1)",
+    ),
     ("frame_time_s", np.array(["a", "b", "c"]), "frame_time_s has another type", "numbers", "<U1"),
+    (
+        "frame_time_s",
+        np.array([[0.0, 0, 0, 0], [0.1, 0.1, np.nan, 0.1], [0.2, 0.05, 0.2, 0.2]]),
+        "frame_time_s does not ascend",
+        "each time after the one before",
+        "0.1 s, then 0.05 s at frame 2",
+    ),
+    (
+        "frame_time_s",
+        np.array([[0.0, 0, 0, 0], [np.nan, 0.1, 0.1, 0.1], [0.2, 0.2, 0.2, 0.2]]),
+        "det_view names a camera that has no time in its frame",
+        "a time in frame_time_s for each detection's frame and view",
+        "frame 1, view 0 in row 1",
+    ),
 ]
 
 
@@ -292,6 +313,24 @@ BAD = [
 def test_bad_arrays_are_refused_with_what_where_expected_and_got(tmp_path, name, array, what, expected, got):
     path = write(tmp_path / "d.npz", **people_arrays() | object_arrays() | {name: array})
     assert message(path) == expected_message(path, what, expected, got)
+
+
+def test_each_camera_may_have_times_of_its_own(tmp_path):
+    time_s = np.arange(3)[:, None] / 30 + np.array([0.0, 0.01, -0.005, 0.002])
+    time_s[1, 1] = np.nan
+    file = read_detections(write(tmp_path / "d.npz", **people_arrays(), frame_time_s=time_s), RIG)
+    assert file.has_own_times
+    assert file.times_ns(1, use=[True, True, True, False], fps=1.0) == (33_333_333, None, 28_333_333, None)
+
+
+def test_detections_outside_the_instants_are_counted(tmp_path):
+    file = read_detections(write(tmp_path / "d.npz", **people_arrays(5), **object_arrays(2)), RIG)
+    seen = np.ones((4, 4), dtype=bool)
+    assert file.outside(np.arange(4), seen) == 1  # the person in frame 4
+    seen[1] = [False, True, True, True]
+    assert file.outside(np.arange(4), seen) == 2  # and the one of cam0 in frame 1
+    seen[:, 0] = False
+    assert file.outside(np.arange(4), seen) == 0  # cam0 is left out altogether, cam1 has its two objects
 
 
 def test_scores_a_rounding_above_one_are_one(tmp_path):

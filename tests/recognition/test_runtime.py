@@ -5,10 +5,11 @@ import time
 import numpy as np
 import pytest
 
-from recognition.observations import FrameSet, Scene, WorkerTrack
+from recognition.feeds import instants_of_detections
+from recognition.observations import FrameSet, Instant, Scene, WorkerTrack
 from recognition.poses import Poses, write_poses
 from recognition.recording import Recorder, check_recording, iter_messages
-from recognition.runtime import Instant, RunOptions, instants_of_detections, run
+from recognition.runtime import RunOptions, run
 from recognition.sources.detections_file import read_detections, write_detections
 from recognition.synthetic import semicircle_rig, simulate
 from recognition.synthetic_views import observe

@@ -97,15 +97,18 @@ def test_h264_with_reordered_frames_is_decoded_only(tmp_path):
     assert [int(s.views[0].image_bgr.mean()) for s in sets[:6]] == pytest.approx([20 + 18 * i for i in range(6)], abs=3)
 
 
-def test_times_in_names_pass_through_the_clock_models(tmp_path):
-    start_us = 1_775_986_201_250_000
-    stills(tmp_path / "cam0", [f"{start_us + 40_000 * i}" for i in range(3)])
-    stills(tmp_path / "cam1", [f"{start_us + 40_000 * i - 500_000}" for i in range(3)])
+def test_times_in_names_pass_through_the_clock_models_and_keep_every_digit(tmp_path):
+    start_ns = 1_775_986_201_250_000_123
+    stills(tmp_path / "cam0", [f"{start_ns + 40_000_000 * i}" for i in range(3)])
+    stills(tmp_path / "cam1", [f"{start_ns + 40_000_000 * i - 500_000_000 + 10}" for i in range(3)])
     clock = ClockModel(0.5, 0.0, "2026-04-12T09:30:01Z", 1e-4, 0.1, "probe")
     source = opened(tmp_path, rig_with("cam0", "cam1", clock=clock))
-    assert source.rule == "file times"
-    assert source.frame_idx == ((0, 0), (1, 1), (2, 2))
-    assert abs(source.t_ns[0] - start_us * 1000) < 1000
+    assert source.timing.rule == "file times"
+    assert source.timing.frame_idx.tolist() == [[0, 0], [1, 1], [2, 2]]
+    sets = list(source.frame_sets())
+    assert [view.t_ns - start_ns for view in sets[1].views] == [40_000_000, 40_000_010]
+    assert sets[1].t_ns - start_ns == 40_000_005
+    assert sets[1].times_ns == tuple(view.t_ns for view in sets[1].views)
 
 
 def test_a_dropped_frame_leaves_a_gap_and_nothing_shifts(tmp_path):
@@ -147,11 +150,22 @@ def test_images_of_another_size_than_calibrated_are_refused(tmp_path):
     assert "got:      64x48 px" in str(caught.value)
 
 
-def test_repeated_times_are_refused(tmp_path):
-    stills(tmp_path / "cam0", ["0", "1"])
-    (tmp_path / "timestamps.csv").write_text("cam_id,frame_time\ncam0,1.0\ncam0,1.0\n")
-    with pytest.raises(SourceError, match="two instants of the capture have the same time"):
-        opened(tmp_path, rig_with("cam0"))
+def test_repeated_times_are_counted_and_every_frame_is_handed_on(tmp_path):
+    for camera in ("cam0", "cam1"):
+        stills(tmp_path / camera, ["0", "1", "2"])
+    rows = "".join(f"cam{c},{t}\n" for c in (0, 1) for t in (1.0, 1.1, 1.1 if c else 1.2))
+    (tmp_path / "timestamps.csv").write_text("cam_id,frame_time\n" + rows)
+    source = opened(tmp_path, rig_with("cam0", "cam1"))
+    assert [camera.repeated for camera in source.sync.cameras] == [0, 1]
+    frames = [[v.frame_idx if v else None for v in s.views] for s in source.frame_sets()]
+    assert frames == [[0, 0], [1, 1], [None, 2], [2, None]]
+
+
+def test_instants_keep_their_numbers_when_cameras_are_left_out(tmp_path):
+    stills(tmp_path / "cam0", ["0", "2"])
+    stills(tmp_path / "cam1", ["0", "1", "2"])
+    source = opened(tmp_path, rig_with("cam0", "cam1"), use=[True, False])
+    assert [s.index for s in source.frame_sets()] == [0, 2]
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="the real captures are not here")

@@ -21,10 +21,12 @@ from rigcal.doctor import (
     check_packages,
     check_pycolmap,
     check_python,
+    check_time_service,
     check_video,
     examine_machine,
     healthy,
 )
+from rigcal.sync.network import NoTracking, parse_tracking
 
 NOW = datetime(2030, 5, 1, 7, 0, tzinfo=UTC)
 
@@ -35,7 +37,7 @@ def test_a_machine_that_runs_these_tests_is_healthy(tmp_path, monkeypatch):
     assert healthy(checks), [check for check in checks if check.status == "failed"]
     assert [check.name for check in checks] == [
         *("python", "packages", "opencv", "pycolmap", "onnxruntime", "video"),
-        *("cache", "disk", "cores", "memory", "clock"),
+        *("cache", "disk", "cores", "memory", "clock", "time service"),
     ]
     for check in checks:
         assert (check.do_next is None) == (check.status == "ok")
@@ -137,6 +139,17 @@ def test_little_of_something_warns(tmp_path, check, status):
         found = check(tmp_path, amount)
         assert found.status == expected
         assert (found.do_next is None) == (expected == "ok")
+
+
+def test_a_machine_without_a_time_service_is_told_so():
+    line = "7F000001,127.0.0.1,9,1795000000.0,0.000001164,0.0,0.0,-11.2,0.0,0.1,0.000002461,0.000001559,0.3,Normal"
+    kept = check_time_service(parse_tracking(line))
+    assert (kept.status, kept.detail) == ("ok", "chronyd keeps this clock within 0.00395 ms of UTC")
+    adrift = check_time_service(parse_tracking(line.replace("Normal", "Not synchronised")))
+    assert (adrift.status, adrift.detail) == ("warning", "chronyd runs and is not synchronised")
+    absent = check_time_service(NoTracking("chrony is not installed on this machine"))
+    assert absent.detail == "nothing says how far this clock is from UTC: chrony is not installed on this machine"
+    assert "install chrony" in absent.do_next
 
 
 def test_a_clock_before_the_installation_is_wrong():

@@ -151,3 +151,12 @@ def test_the_real_timestamps_group_every_frame():
     assert (instants.frame_idx >= 0).all()
     assert np.median(instants.spread_s) == pytest.approx(0.003, abs=0.0005)
     assert instants.spread_s.max() == pytest.approx(0.0427, abs=0.0005)
+
+
+def test_clocks_of_another_epoch_are_not_applied_to_stamps_that_count_from_a_start(tmp_path):
+    text = "cam_id,frame_time\n" + "".join(f"{c},{0.1 * i}\n" for i in range(5) for c in (0, 1))
+    clock = ClockModel(0.03, 40.0, "2026-11-22T09:00:00Z", 1e-4, 0.1, "probe")
+    assert rows(find_instants(with_csv(tmp_path, text, 5), {"cam-1": clock})) == [[i, i] for i in range(5)]
+    of_its_start = ClockModel(0.1, 0.0, "1970-01-01T00:00:01Z", 1e-4, 0.1, "video")
+    moved = rows(find_instants(with_csv(tmp_path, text, 5), {"cam-1": of_its_start}))
+    assert moved != [[i, i] for i in range(5)]

@@ -1,0 +1,152 @@
+"""Clocks to a small fraction of a frame: Gauss-Newton over all cameras, and how sure the result is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rigcal.geometry import Bools, Floats, Ints
+from rigcal.sync.content.clocks import OFFSET, Clocks
+from rigcal.sync.content.equations import CLOCK, WIDTH, Comparison, Equations, form_equations
+from rigcal.sync.content.search import BLOCK_S
+from rigcal.sync.content.seen import SeenPoints
+
+_MOST_VIEWS = 100_000  # cameras times times times points: a third of a second a round
+_DONE_S = 1e-6
+_SETTLED = 0.1  # of a sigma: the last step of robust weights that go to and fro
+_BIAS_SIGMA_PX = 5.0  # a calibration that is further off than that is none
+_READOUT_SIGMA_S = 0.03  # readouts of rolling shutters: 5 to 33 ms
+_THIRD_DIFFERENCE = 20.0  # variance of x0 - 3 x1 + 3 x2 - x3 over that of each x
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Refined:
+    """Clocks and their uncertainty."""
+
+    clocks: Clocks
+    bias_px: Floats
+    """(M, 6) affine field of pixels of each camera that does not go with speed."""
+    sigma: Floats
+    """(M, 3) standard deviations of offset, drift and readout; 0 where held."""
+    blocks: Floats
+    """(M,) blocks of time that carry the information, as if all carried as much."""
+    compared: Ints
+    """(M,) points of the camera that others saw at the same time."""
+    scale_px: float
+    """Robust standard deviation of the residuals per axis."""
+    settled: bool
+    """Whether the steps came to an end."""
+
+
+def compare(cameras: Sequence[SeenPoints], clocks: Clocks) -> Comparison:
+    """Rig times at which to compare cameras: where frames are, no more of them than are of use."""
+    spacing_s = min(seen.spacing_s for seen in cameras)
+    frames = np.concatenate([clocks.frames_in_rig_s(c, seen) for c, seen in enumerate(cameras)])
+    ticks = np.unique(np.rint(frames / spacing_s))
+    points = cameras[0].px.shape[1]
+    stride = max(1, -(-len(ticks) * points * len(cameras) // _MOST_VIEWS))
+    at_s = ticks[::stride] * spacing_s
+    _, block = np.unique(at_s // BLOCK_S, return_inverse=True)
+    return Comparison(cameras, at_s, block, np.array([noise_px(seen) for seen in cameras]))
+
+
+def noise_px(seen: SeenPoints) -> float:
+    """Random noise of a camera's points per axis, from what a smooth motion cannot be: third differences."""
+    first = np.flatnonzero(seen.follows) - 1
+    if not len(first):
+        return 0.0
+    third = seen.px[first] - 3 * seen.px[first + 1] + 3 * seen.px[first + 2] - seen.px[first + 3]
+    known = third[np.isfinite(third)]
+    return float(np.median(np.abs(known)) / 0.6745 / np.sqrt(_THIRD_DIFFERENCE)) if len(known) else 0.0
+
+
+def refine(comparison: Comparison, clocks: Clocks, sigma: Floats, *, rounds: int = 15) -> Refined:
+    """Solve for clocks and fields of pixels together.
+
+    Args:
+        comparison: M cameras.
+        clocks: Where to start; also the mean of what is known of the clocks beforehand.
+        sigma: (M, 3) how well they are known beforehand; 0: held.
+    """
+    count = len(comparison.cameras)
+    prior, free = _prior(sigma, count)
+    start = np.concatenate([clocks.values, np.zeros((count, WIDTH - CLOCK))], axis=1)
+    state, step = start.copy(), np.zeros_like(start)
+    for _ in range(rounds):
+        equations = _equations(comparison, clocks, state)
+        step = _step(equations, prior, free, (start - state).ravel(), sigma[:, OFFSET].max()).reshape(count, WIDTH)
+        state += step
+        if np.abs(step[:, OFFSET]).max() < _DONE_S:
+            break
+    solved = replace(clocks, values=state[:, :CLOCK])
+    equations = _equations(comparison, clocks, state)
+    covariance = _jackknife(equations, prior, free)
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0)).reshape(count, WIDTH)
+    return Refined(
+        solved,
+        state[:, CLOCK:],
+        deviation[:, :CLOCK],
+        _effective_blocks(equations, count),
+        equations.seen,
+        equations.scale_px,
+        bool((np.abs(step[:, OFFSET]) <= np.maximum(_SETTLED * deviation[:, OFFSET], _DONE_S)).all()),
+    )
+
+
+def _equations(comparison: Comparison, clocks: Clocks, state: Floats) -> Equations:
+    return form_equations(comparison, replace(clocks, values=state[:, :CLOCK]), state[:, CLOCK:])
+
+
+def _prior(sigma: Floats, count: int) -> tuple[Floats, Bools]:
+    """(p,) inverse variances of what is known beforehand, and (p,) which parameters are free."""
+    known = np.concatenate([sigma, np.full((count, WIDTH - CLOCK), _BIAS_SIGMA_PX)], axis=1).ravel()
+    free = known > 0
+    return np.where(free, 1 / np.maximum(known, 1e-12) ** 2, 0.0), free
+
+
+def _step(equations: Equations, prior: Floats, free: Bools, from_start: Floats, most_s: float) -> Floats:
+    """The Gauss-Newton step, shortened where an offset would go further than ``most_s``."""
+    weight = prior * _variance(equations)
+    matrix = equations.matrix.sum(axis=0) + np.diag(weight)
+    right = equations.right.sum(axis=0) + weight * from_start
+    step = np.zeros(len(free))
+    step[free] = np.linalg.solve(matrix[np.ix_(free, free)], right[free])
+    longest = np.abs(step[OFFSET::WIDTH]).max()
+    return step * min(1.0, most_s / longest) if longest > 0 else step
+
+
+def _variance(equations: Equations) -> float:
+    """Variance of a residual, that what is known beforehand is weighed with."""
+    return max(equations.scale_px, 1e-3) ** 2
+
+
+def _jackknife(equations: Equations, prior: Floats, free: Bools) -> Floats:
+    """(p, p) covariance: the solution's changes as each block of time is left out, and what the prior leaves open.
+
+    Left-out blocks (Efron; for clustered residuals Cameron and Miller, J. Human Resources 50, 2015, CV3) need no model
+    of how residuals within a block hang together.
+    """
+    weight = prior * _variance(equations)
+    pick = np.ix_(free, free)
+    whole = equations.matrix.sum(axis=0) + np.diag(weight)
+    changes = np.stack(
+        [
+            np.linalg.solve((whole - matrix)[pick], right[free])
+            for matrix, right in zip(equations.matrix, equations.right, strict=True)
+        ]
+    )
+    blocks = len(changes)
+    inverse = np.linalg.inv(whole[pick])
+    covariance = np.zeros_like(whole)
+    covariance[pick] = (blocks - 1) / blocks * changes.T @ changes
+    covariance[pick] += inverse * (weight * _variance(equations))[free] @ inverse.T
+    return covariance
+
+
+def _effective_blocks(equations: Equations, count: int) -> Floats:
+    """(M,) how many blocks of equal information would carry as much as those of each camera do."""
+    offsets = np.arange(count) * WIDTH + OFFSET
+    information = np.maximum(equations.matrix[:, offsets, offsets], 0)
+    return np.asarray(information.sum(axis=0) ** 2 / np.maximum((information**2).sum(axis=0), 1e-30))

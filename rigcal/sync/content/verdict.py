@@ -1,0 +1,62 @@
+"""Whether the content decides a camera's clock, and in words why not."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from rigcal.sync.content.search import Found
+from rigcal.sync.content.seen import SeenPoints
+
+CLEAR_LEAD = 4.0
+"""Standard errors by which the best offset must lead before its rival."""
+LEAST_BLOCKS = 4.0
+"""Seconds of motion below which the scatter between them says too little."""
+_FLAT = 0.9  # of the median cost: the best offset of a still board, or of motion along the lines
+_ALIKE = 1.5  # of the best cost: a rival that costs more is none, however few seconds there are to compare
+_STILL_PX_S = 5.0
+_THREE_SIGMA = float(stats.norm.cdf(3.0))
+
+
+def bound_factor(blocks: float) -> float:
+    """Standard deviations that hold the truth as surely as three of a normal distribution do, for few blocks."""
+    return float(stats.t.ppf(_THREE_SIGMA, max(blocks - 1, 1.0)))
+
+
+def search_problem(found: Found | None, seen: SeenPoints, search_s: float) -> str:
+    """Why the search does not decide; empty where it does."""
+    if found is None:
+        return "too little overlap: no other camera saw the same points at the same time"
+    if found.depth > _FLAT:
+        if _speed_px_s(seen) < _STILL_PX_S:
+            return "nothing moves"
+        return "nothing moves across the epipolar lines, so that every offset fits alike"
+    if found.rival_s is not None and found.lead < CLEAR_LEAD and found.rival_cost < _ALIKE:
+        return f"the best two offsets are alike: {_ms(found.offset_s)} and {_ms(found.rival_s)}"
+    if found.at_edge:
+        return f"the best offset, {_ms(found.offset_s)}, is at an end of the search, {search_s:g} s either way"
+    return ""
+
+
+def solution_problem(bound_s: float, blocks: float, spacing_s: float, *, settled: bool) -> str:
+    """Why the solution does not decide; empty where it does."""
+    if blocks < LEAST_BLOCKS:
+        return f"too little motion: it all lies within {blocks:.1f} s, at least {LEAST_BLOCKS:g} s are needed"
+    if not settled:
+        return "the solution does not come to rest: the tracks contradict one another, or the rig"
+    if bound_s > spacing_s / 2:
+        return f"the motion tells the offset to {_ms(bound_s)} only, half a frame is {_ms(spacing_s / 2)}"
+    return ""
+
+
+def _speed_px_s(seen: SeenPoints) -> float:
+    """How fast points move at their fastest: the 90th percentile over frames."""
+    if len(seen.t_s) < 3:
+        return 0.0
+    step = np.linalg.norm(seen.px[2:] - seen.px[:-2], axis=-1) / (seen.t_s[2:] - seen.t_s[:-2])[:, None]
+    known = step[np.isfinite(step)]
+    return float(np.percentile(known, 90)) if len(known) else 0.0
+
+
+def _ms(seconds: float) -> str:
+    return f"{seconds * 1e3:.3g} ms" if abs(seconds) < 0.1 else f"{seconds * 1e3:.0f} ms"
