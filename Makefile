@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 READY := .venv/ready
 
-.PHONY: demo test lint bench bench-calibration constraints clean
+.PHONY: demo test lint bench bench-calibration bench-sync constraints clean
 
 demo: $(READY)
 	$(BIN)/python tools/demo.py out/demo
@@ -22,6 +22,10 @@ bench: $(READY)
 # Calibration beside its peers, one thread each; resumes from out/bench-calibration.jsonl (its longer runs: --help).
 bench-calibration: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tools/bench/calibration.py
+
+# Clocks: estimator, probes, video, the check before a recording; with PARTS="estimator board" only those.
+bench-sync: $(READY)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tools/bench/sync.py $(PARTS)
 
 # Exactly the pinned versions, each checked against its hash; then the project itself, from this folder.
 $(READY): constraints.txt pyproject.toml

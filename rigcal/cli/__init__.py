@@ -11,11 +11,26 @@ import sys
 
 import typer
 
-from rigcal.cli import calibrate, doctor, drift, files, sync, target, world
+from rigcal.cli import calibrate, doctor, drift, files, target, world
 from rigcal.cli._app import app, print_json
+from rigcal.cli.sync import probe, report, serve, verify, video
 from rigcal.errors import RigcalError
 
-__all__ = ["app", "calibrate", "doctor", "drift", "files", "main", "sync", "target", "world"]
+__all__ = [
+    "app",
+    "calibrate",
+    "doctor",
+    "drift",
+    "files",
+    "main",
+    "probe",
+    "report",
+    "serve",
+    "target",
+    "verify",
+    "video",
+    "world",
+]
 
 
 def main() -> None:

@@ -53,10 +53,12 @@ class _Jump:
     """(m,) the intervals before them, less their period."""
     turn: int
     """How many of the stamps after it lie at the old level rather than the new one, before the others do."""
+    told: int
+    """How many stamps tell the lesser known of the two levels."""
     level_s: float
     """The new level above the old one."""
     slack_s: float
-    """How well the two are told."""
+    """How well that is known."""
     period_s: float
 
     @property
@@ -69,10 +71,41 @@ class _Jump:
         """Whether it is a whole number of periods, and not none."""
         return self.periods != 0 and abs(self.level_s - self.periods * self.period_s) <= self.slack_s
 
-    def first_frames(self) -> list[int]:
+    def second_frames(self) -> list[int]:
         """The frames that may be the ones before them, delivered twice, the closest first."""
         close = np.flatnonzero(self.strays_s < (_CAME_TWICE - 1) * self.period_s)
         return [self.place + 1 + int(frame) for frame in close[np.argsort(self.strays_s[close], kind="stable")]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """How the stamps go beside their grid."""
+
+    r: Floats
+    """(n,) how far each stamp is ahead."""
+    strays_s: Floats
+    """(n - 1,) the intervals, less their periods."""
+    periods_s: Floats
+    """(n - 1,) the period at each interval."""
+    allowed: Tolerance
+    steady: bool
+
+    def begins_late(self, place: int, before_s: float) -> bool:
+        """Whether all frames up to an interval at the start were late."""
+        after_s = floor_of(self.r[place + 1 : place + 1 + PAST], self.allowed.level_s)
+        return place < self.allowed.first and after_s < before_s - self.allowed.level_s
+
+    def jump(self, place: int, past: int, ahead_s: Floats, level_s: float) -> _Jump:
+        """The jump at an interval to another level, after as many stamps at the old one."""
+        allowed, period_s = self.allowed, float(self.periods_s[place])
+        last = int(np.argmax(np.abs(ahead_s - level_s) <= allowed.level_s)) + 1
+        told = min(past, int(np.sum(np.abs(ahead_s - level_s) <= allowed.interval_s)))
+        if self.steady:
+            slack_s = allowed.rate * abs(level_s) + (allowed.level_s if told >= PAST else allowed.interval_s)
+        else:
+            slack_s = _CHANGING_RATE * abs(level_s) + _CHANGING * period_s
+        strays_s = self.strays_s[place : place + last]
+        return _Jump(place, ahead_s[:last], strays_s, _turn(ahead_s, level_s), told, level_s, slack_s, period_s)
 
 
 def find_events(t_s: Floats, periods_s: Floats, allowed: Tolerance, *, steady: bool) -> Events:
@@ -86,40 +119,27 @@ def find_events(t_s: Floats, periods_s: Floats, allowed: Tolerance, *, steady: b
             a period, and nothing finer.
     """
     strays_s = np.diff(t_s) - periods_s
-    r = np.concatenate([[0.0], np.cumsum(strays_s)])
+    course = _Course(np.concatenate([[0.0], np.cumsum(strays_s)]), strays_s, periods_s, allowed, steady)
     found, level_from, resume = Events(), 0, 0
     for place in (int(i) for i in np.flatnonzero(np.abs(strays_s) > allowed.interval_s)):
         if place < resume:
             continue
-        past = r[max(level_from, place + 1 - max(PAST, allowed.ahead)) : place + 1]
+        past = course.r[max(level_from, place + 1 - max(PAST, allowed.ahead)) : place + 1]
         before_s = floor_of(past, allowed.level_s)
-        if (
-            place < allowed.first
-            and floor_of(r[place + 1 : place + 1 + PAST], allowed.level_s) < before_s - allowed.level_s
-        ):
+        if course.begins_late(place, before_s):
             found.late += place + 1 - level_from  # the grid is told by those that follow
             resume = level_from = place + 1
             continue
-        ahead, level_s = look_ahead(r[place + 1 :], before_s, allowed)
-        if level_s is None:
-            back = np.flatnonzero(np.abs(ahead) <= allowed.level_s)
-            if len(back):
-                found.late += int(np.sum(ahead[: back[0]] > 0))
-                resume = place + 1 + int(back[0])
-            continue
-        last = int(np.argmax(np.abs(ahead - level_s) <= allowed.level_s)) + 1
-        told = min(len(past), int(np.sum(np.abs(ahead - level_s) <= allowed.interval_s)))
-        slack_s = allowed.level_s if told >= PAST else allowed.interval_s
-        if not steady:
-            slack_s = _CHANGING * periods_s[place]
-        slack_s += (allowed.rate if steady else _CHANGING_RATE) * abs(level_s)
-        strays = strays_s[place : place + last]
-        jump = _Jump(
-            place, ahead[:last], strays, _turn(ahead, level_s), level_s, float(slack_s), float(periods_s[place])
-        )
-        if _is_told(jump, told, len(ahead), allowed):
-            _note(found, jump, steady=steady)
-            resume = level_from = place + max(last, jump.turn + 1)
+        ahead_s, level_s = look_ahead(course.r[place + 1 :], before_s, allowed)
+        back = np.flatnonzero(np.abs(ahead_s) <= allowed.level_s)
+        if level_s is not None:
+            jump = course.jump(place, len(past), ahead_s, level_s)
+            if _is_told(jump, len(ahead_s), allowed):
+                _note(found, jump, steady=steady)
+                resume = level_from = place + max(len(jump.ahead_s), jump.turn + 1)
+        elif len(back):
+            found.late += int(np.sum(ahead_s[: back[0]] > 0))
+            resume = place + 1 + int(back[0])
     return found
 
 
@@ -128,23 +148,23 @@ def _turn(ahead_s: Floats, level_s: float) -> int:
     old_s = np.minimum(np.abs(ahead_s), abs(level_s))
     new_s = np.minimum(np.abs(ahead_s - level_s), abs(level_s))
     cost_s = np.concatenate([[0.0], np.cumsum(old_s - new_s)])
-    return int(np.argmin(cost_s))
+    return int(np.argmin(cost_s[:-1]))
 
 
-def _is_told(jump: _Jump, told: int, ahead: int, allowed: Tolerance) -> bool:
+def _is_told(jump: _Jump, ahead: int, allowed: Tolerance) -> bool:
     """Whether enough stamps stay: whole periods, and stamps that are far too early, are told soonest."""
     if jump.level_s < -jump.period_s or (jump.is_whole and jump.periods > 0):
         return ahead >= allowed.end
-    return ahead >= allowed.ahead - 1 and told >= allowed.support
+    return ahead >= allowed.ahead - 1 and jump.told >= allowed.support
 
 
 def _note(found: Events, jump: _Jump, *, steady: bool) -> None:
     """Note what brought the stamps to another level."""
-    first = jump.first_frames()
+    second = jump.second_frames()
     if jump.is_whole and jump.periods > 0:
         found.missing += _gaps(jump)
-    elif jump.is_whole and len(first) >= -jump.periods:
-        found.twice += first[: -jump.periods]
+    elif jump.is_whole and len(second) >= -jump.periods:
+        found.twice += second[: -jump.periods]
     elif steady or jump.level_s < -jump.period_s:
         found.steps.append(Step(jump.place + 1 + jump.turn, jump.level_s))
 

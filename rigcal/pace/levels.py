@@ -11,11 +11,11 @@ from rigcal.geometry import Floats
 SUPPORT = 3
 """As many stamps at one level make it a level: the least that tells a step from a late stamp and its neighbour."""
 PAST = 15
-"""Stamps that tell a level well: the floor of so many arrival times is known to a fifth of their scatter."""
+"""Stamps that tell a level well: the floor of so many arrival times is known to a tenth of their scatter."""
 _QUIET_AHEAD = 4
 """Stamps after an event in which late ones of a sensor come back."""
 _NOISY_AHEAD_S = 3.0
-"""Time after an event in which late arrivals come back; stalls of wireless links last up to a second or two."""
+"""Time after an event in which late arrivals come back: longer than a link may stall without losing frames."""
 _QUIET_S = 0.5e-3
 """Intervals that scatter more than this, and more than rounding explains, are arrival times."""
 _LEAST_S = 50e-6

@@ -22,7 +22,8 @@ class PaceOptions:
     sensor_jitter_s: float = 0.25e-3
     """Stamps of a sensor sit on their grid within 20-100 us; this leaves room for a clock that is disciplined."""
     arrival_jitter_s: float = 0.5e-3
-    """Arrival times scatter more than this: 1.0 to 1.3 ms for webcams on a quiet desktop, 4.7 ms over RTSP."""
+    """Arrival times scatter more than this: 1.1 to 1.4 ms for webcams on a desktop, and a range of 4.7 ms over
+    RTSP on loopback."""
 
     def __post_init__(self) -> None:
         if self.least_frames < 8:

@@ -14,8 +14,8 @@ from rigcal.pace.results import PaceOptions, Source
 _BLOCK = 300
 """Residuals are taken from a line through the medians of so many frames, so that a clock may wander over hours."""
 _EXACT = 1.05
-"""Spread of the stamps around a line, in their quantum: rounding makes 1; 20 us of jitter in stamps of 1 ms make more
-than this within some hundred frames."""
+"""Spread of the stamps around a line, in their quantum: rounding makes 1. 20 us of jitter in stamps of 1 ms make more
+than this in two of three recordings of a thousand frames, and in one of twenty-five of a hundred frames."""
 _ROUNDED = 2
 """Stamps that spread no wider than this many quanta are as near their grid as rounding tells: where the period is a
 multiple of the quantum, a jitter of a tenth of it makes stamps flip between two values."""

@@ -95,7 +95,7 @@ class HostClock:
     """By how much the clock's rate must have changed since the last step, within the window; 0 where a constant rate
     explains the exchanges."""
     drift_known: bool
-    """Whether the exchanges say anything of the drift; if not, it is taken as 0 and only its limit is certain."""
+    """Whether the exchanges say anything of the drift; if not, only its limit is certain."""
 
     @property
     def wanders(self) -> bool:
@@ -106,7 +106,7 @@ class HostClock:
 def estimate_clock(exchanges: Exchanges, options: EstimateOptions = EstimateOptions()) -> HostClock:
     """A host's clock at the last exchange, from those in the window before it and after the last step.
 
-    One exchange gives an offset and its bound, and a drift of 0 within its limit.
+    One exchange gives an offset and its bound, and a drift that is next to 0 and not known (``drift_known``).
 
     Args:
         exchanges: In the order in which they were sent.

@@ -14,6 +14,8 @@ from rigcal.sync.hull import Lines, bounding_lines, least_wander_ppm, some_line
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND_NS = 1_000
+_ITS_RANGE = 2.0
+"""A rate that was seen to differ by so much to either side may go from one end of its range to the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +78,7 @@ def fit_clock(exchanges: Exchanges, about: int, *, reach: int, wander_ppm: float
     if bounds is None:
         raise ValueError(f"exchange {about} has a negative round trip")
     best, window = steady or bounds, within(reach)
-    model = _model(best, bounds, about_ns, max(wander_ppm, wandered_ppm))
+    model = _model(best, bounds, about_ns, max(wander_ppm, _ITS_RANGE * wandered_ppm))
     inner_ppm = _farther(bounds.drift_interval_ppm, best.drift_ppm) + wander_ppm
     return ClockFit(model, *bounds.interval_s(about_ns), best, window.start, window.stop, wandered_ppm, inner_ppm)
 

@@ -23,7 +23,7 @@ from rigcal.sync.hull import Lines, bounding_lines, some_line
 _STEEPEST_PPM = 1000.0
 """A clock that is being slewed has a constant rate as well: kernels slew by 500 ppm (``adjtime``, ntpd), and add the
 oscillator's own drift and its correction. That of chrony (up to 83333 ppm) is over within some exchanges."""
-_ROUND_TRIPS = 2.0
+_ROUND_TRIPS = 1.5
 """Quickest round trips that a jump must be worth: lines squeezed through a wandering clock are wrong by up to half of
 one, those before and after it."""
 _READ_TOGETHER_S = 100e-6
@@ -172,12 +172,16 @@ def _reach_back(exchanges: Exchanges, limit: int, first: int, end: int) -> int:
 def _jump(exchanges: Exchanges, before: SteplessRun, after: SteplessRun) -> ClockStep | None:
     """The step between two runs; None where the clock may have gone from one to the other without."""
     between = (before.end - 1, after.first)
-    edges_ns = [int(exchanges.replied_ns[index]) for index in between]
-    one, other = (bounding_lines(exchanges[run.first : run.end], about_ns=edges_ns[0]) for run in (before, after))
+    start_ns, end_ns = (int(exchanges.replied_ns[index]) for index in between)
+    one = bounding_lines(exchanges[before.first : before.end], about_ns=start_ns)
+    other = bounding_lines(exchanges[after.first : after.end], about_ns=end_ns)
     if one is None or other is None:  # on one side the clock is being slewed
         return None
+    elapsed_ns = round(_elapsed_s(exchanges, between) * 1e9)
     # Each upper end is convex over time and each lower end concave: what is apart at both edges is apart between.
-    least_s, best_s, greatest_s = np.transpose([_apart_s(one, other, edge_ns) for edge_ns in edges_ns])
+    at_start = _apart_s(one, start_ns, other, end_ns - elapsed_ns)
+    at_end = _apart_s(one, start_ns + elapsed_ns, other, end_ns)
+    least_s, best_s, greatest_s = np.transpose([at_start, at_end])
     if not (least_s.min() > 0 or greatest_s.max() < 0):
         return None
     sharper = int(np.argmin(greatest_s - least_s))
@@ -188,11 +192,11 @@ def _jump(exchanges: Exchanges, before: SteplessRun, after: SteplessRun) -> Cloc
     return _step(exchanges, "host", between, float(best_s[sharper]), bound_s, "offsets")
 
 
-def _apart_s(before: Lines, after: Lines, host_ns: int) -> tuple[float, float, float]:
-    """Least, best and greatest difference of the offsets that two sets of lines allow at a time."""
-    low_before, high_before = before.interval_s(host_ns)
-    low_after, high_after = after.interval_s(host_ns)
-    best_s = after.offset_s(host_ns) - before.offset_s(host_ns)
+def _apart_s(before: Lines, before_ns: int, after: Lines, after_ns: int) -> tuple[float, float, float]:
+    """Least, best and greatest difference of the offsets that two sets of lines allow, at one time by either clock."""
+    low_before, high_before = before.interval_s(before_ns)
+    low_after, high_after = after.interval_s(after_ns)
+    best_s = after.offset_s(after_ns) - before.offset_s(before_ns)
     return low_after - high_before, best_s, high_after - low_before
 
 

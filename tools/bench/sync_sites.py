@@ -26,6 +26,7 @@ import numpy as np
 
 from rigcal.board import Checkerboard
 from rigcal.captures import open_capture, read_frames
+from rigcal.rig import Rig
 from rigcal.rigfile import document_of_rig, write_rigfile
 from rigcal.stamps import TIMESTAMPS
 from rigcal.sync.content.synthetic import CameraClock, carried_board
@@ -48,8 +49,8 @@ class Fault:
     camera: str
     finding: str
     """The name under which the check should report it."""
-    clocks: Mapping[str, SimulatedClock] = field(default_factory=dict)
-    """Hosts that are otherwise at the check than when the rig file was written."""
+    host: Mapping[str, float] = field(default_factory=dict)
+    """What is otherwise with the camera's host at the check than when the rig file was written."""
     dead: tuple[str, ...] = ()
     film: Callable[[Path], None] | None = None
     """What is done to the capture."""
@@ -66,17 +67,29 @@ class Checked:
     seconds: float
 
 
-def film_site(folder: Path) -> None:
-    """The capture of a healthy site, and beside it one of cam2 that free-runs at 29.83 frames per second."""
-    rig = arc_rig(4, radius_m=3.5, arc_deg=80, size_wh=SIZE_WH, seed=4)
+def site_rig() -> Rig:
+    return arc_rig(4, radius_m=3.5, arc_deg=80, size_wh=SIZE_WH, seed=4)
+
+
+def film_site(folder: Path, *, seconds: float = SECONDS, fps: float = FPS) -> None:
+    """The capture of a healthy site, and its rig file without clocks."""
+    rig = site_rig()
     motion = carried_board(rig, BOARD, seed=7)
     epoch_s = float(int(time.time()))
     clocks = {c: CameraClock(offset_s=-ahead, phase_s=0.01) for c, ahead in AHEAD_S.items()}
-    write_capture(folder / "board", rig, BOARD, motion, clocks, seconds=SECONDS, fps=FPS, epoch_s=epoch_s)
-    slow = {"cam2": clocks["cam2"]}
-    write_capture(folder / "slow", rig, BOARD, motion, slow, seconds=SECONDS, fps=29.83, epoch_s=epoch_s)
+    write_capture(folder / "board", rig, BOARD, motion, clocks, seconds=seconds, fps=fps, epoch_s=epoch_s)
     made = document_of_rig(rig, created_utc="2026-11-22T09:00:00Z", inputs_sha256="0" * 64, board=BOARD)
     write_rigfile(made, folder / "hall.rig.json")
+
+
+def film_slow(folder: Path) -> None:
+    """The same, filmed by cam2 that free-runs at 29.83 frames per second."""
+    with (folder / "board" / TIMESTAMPS).open(encoding="utf-8") as file:
+        epoch_s = float(int(float(next(iter(csv.DictReader(file)))["frame_time"])))
+    rig = site_rig()
+    cam2 = {"cam2": CameraClock(offset_s=-AHEAD_S["cam2"], phase_s=0.01)}
+    motion = carried_board(rig, BOARD, seed=7)
+    write_capture(folder / "slow", rig, BOARD, motion, cam2, seconds=SECONDS, fps=29.83, epoch_s=epoch_s)
 
 
 def clocks() -> dict[str, SimulatedClock]:
@@ -110,7 +123,7 @@ def hosts(clocks: Mapping[str, SimulatedClock]) -> Iterator[dict[str, int]]:
 
 def write_site(path: Path, ports: Mapping[str, int]) -> None:
     cameras = [
-        f'[[cameras]]\nid = "{c}"\nfps = 30.0\nclock = "ntp://127.0.0.1:{port}"\n'
+        f'[[cameras]]\nid = "{c}"\nclock = "ntp://127.0.0.1:{port}"\n'
         "capture_latency_s = 0.0\ncapture_latency_bound_s = 0.0005\n"
         for c, port in ports.items()
     ]
@@ -127,15 +140,16 @@ def check_site(folder: Path, fault: Fault, *, seconds: float) -> Checked:
     work = folder / fault.name.replace(" ", "_")
     shutil.copytree(folder / "board", work / "board")
     rig, site = work / "hall.rig.json", work / "hall.site.toml"
-    start = clocks()
-    with hosts(start) as ports:
+    with hosts(clocks()) as ports:
         write_site(site, ports)
         probed = rigcal("sync", "probe", site, "--rig", folder / "hall.rig.json", "-o", rig, "--seconds", seconds)
     if probed.returncode:
         raise RuntimeError(probed.stdout + probed.stderr)
     if fault.film:
         fault.film(work / "board")
-    later = {c: clock for c, clock in (start | dict(fault.clocks)).items() if c not in fault.dead}
+    later = {
+        c: replace(k, **fault.host) if c == fault.camera else k for c, k in clocks().items() if c not in fault.dead
+    }
     with hosts(later) as now:
         write_site(site, ports | now)
         begin = time.perf_counter()
@@ -216,12 +230,11 @@ def swapped(capture: Path) -> None:
 
 
 def faults() -> tuple[Fault, ...]:
-    start = clocks()
     return (
         Fault("healthy", "", ""),
-        Fault("stepped clock", "cam2", "stepped clock", {"cam2": replace(start["cam2"], offset_s=0.3)}),
+        Fault("stepped clock", "cam2", "stepped clock", {"offset_s": 0.3}),
         Fault("12 ms offset", "cam1", "offset", film=late),
-        Fault("40 ppm drift", "cam3", "drift", {"cam3": replace(start["cam3"], skew_ppm=40.0)}),
+        Fault("40 ppm drift", "cam3", "drift", {"skew_ppm": 40.0}),
         Fault("dropped frames", "cam1", "dropped frames", film=dropped),
         Fault("29.83 fps", "cam2", "frame rate", film=slow),
         Fault("arrival stamps", "cam3", "arrival stamps", film=arrival),
@@ -235,6 +248,7 @@ def sites(seconds: float = 10.0) -> Iterator[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         film_site(folder)
+        film_slow(folder)
         results = [(fault, check_site(folder, fault, seconds=seconds)) for fault in faults()]
     for fault, checked in results:
         yield {

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigcal.cli._app import console
+from rigcal.cli._app import app, console
 
 if TYPE_CHECKING:
     from rigcal.rigdocument import RigDocument
@@ -19,6 +19,7 @@ sync_app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+app.add_typer(sync_app, name="sync")
 
 RigOption = Annotated[Path, typer.Option("--rig", metavar="RIG", help="Rig file that the clocks belong to.")]
 OutputOption = Annotated[

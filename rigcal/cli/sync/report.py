@@ -30,7 +30,9 @@ def report(
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="OUT.html", help="The page.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show how clocks and frames held through a recording: offset, bound, drops and rate over time, as an HTML page.
+    """Show how clocks and frames held through a recording.
+
+    One HTML page: offset, bound, missing frames and rate of each camera over time.
 
     Exit code 0: every camera held; 1: a camera is red; 2: bad input.
     """

@@ -19,9 +19,9 @@ def serve(
         str | None, typer.Option("--address", metavar="ADDRESS", help="Listen at this address only.")
     ] = None,
 ) -> None:
-    """Tell the time of this host to `rigcal sync probe`, until Ctrl-C. Hosts that run chronyd or ntpd need it not.
+    """Answer probes on a camera's host, until Ctrl-C.
 
-    Run it on every computer that stamps frames. Exit code 0: stopped by Ctrl-C; 2: the port cannot be used.
+    Run it on every computer that stamps frames; one that runs an NTP server already need not. Exit code 0: stopped by Ctrl-C; 2: the port cannot be used.
     """
     from rigcal.sync.network import serve as answer
 

@@ -37,9 +37,9 @@ def verify(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check before a recording that the clocks are right: one line per camera, and the error in millimetres.
+    """Check before a recording that the clocks are right.
 
-    Hosts are those of the site file, else those that `sync probe` found. A short capture of a board that moves quickly
+    One line per camera: green, amber or red, with the error in millimetres at the site's fastest motion. Hosts are those of the site file, else those that `sync probe` found. A short capture of a board that moves quickly
     before all cameras also checks the cameras themselves; without one only clocks and stamps are looked at.
 
     Exit code 0: every camera may record (green or amber); 1: a camera is red; 2: bad input.

@@ -42,9 +42,9 @@ def video(
     output: OutputOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure the clocks from the pictures: a moving board, people (--detections), or a light that is switched.
+    """Measure the clocks from what the cameras saw.
 
-    Unlike a probe this sees the whole chain, the camera's own latency too. Offsets are relative to the rig's
+    That is a board that moves, people (--detections), or a light that is switched on and off a few times. Unlike a probe this sees the whole chain, the camera's own latency too. Offsets are relative to the rig's
     reference camera. Without --rig whole frames are compared by a light or the motion, and nothing is written.
 
     Exit code 0: the clock of every camera was decided; 1: some were not (the others are written); 2: bad input.

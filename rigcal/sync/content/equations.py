@@ -37,6 +37,8 @@ class Equations:
     """(B, p, p) per block; instrument times derivative, not symmetric."""
     right: Floats
     """(B, p) per block; the step is ``solve(matrix, right)``."""
+    bend: float
+    """By how much less the robust right side changes with the clocks than the matrix says."""
     scale_px: float
     """Robust standard deviation of a residual per axis."""
     seen: Ints
@@ -56,13 +58,16 @@ class Comparison:
     """(M,) random noise of each camera's points per axis."""
 
 
-def form_equations(comparison: Comparison, clocks: Clocks, bias_px: Floats) -> Equations:
+def form_equations(
+    comparison: Comparison, clocks: Clocks, bias_px: Floats, scale_px: float | None = None
+) -> Equations:
     """Linearise around clocks and a field of pixels.
 
     Args:
         comparison: The cameras and the times.
         clocks: Clocks of the M cameras.
         bias_px: (M, 6) affine fields of pixels.
+        scale_px: Scale of the robust loss; None: that of these residuals.
     """
     cameras = comparison.cameras
     views = [
@@ -72,13 +77,15 @@ def form_equations(comparison: Comparison, clocks: Clocks, bias_px: Floats) -> E
     px = np.stack([view.px.reshape(-1, 2) for view in views], axis=1)
     chosen = np.flatnonzero(np.isfinite(px).all(axis=-1).sum(axis=1) > 1)
     block = np.repeat(comparison.block, cameras[0].px.shape[1])[chosen]
-    field, placed, scale_px = _place(px[chosen], cameras, bias_px)
+    field, placed, scale_px = _place(px[chosen], cameras, bias_px, scale_px)
     rows = [_Rows.of(view, clocks, c, comparison.at_s, chosen, field[:, c]) for c, view in enumerate(views)]
     matrix, right = _accumulate(placed, rows, comparison.noise_px, block)
-    return Equations(matrix * _bend(placed.weight), right, scale_px, (placed.weight > 0).sum(axis=0))
+    return Equations(matrix, right, _bend(placed.weight), scale_px, (placed.weight > 0).sum(axis=0))
 
 
-def _place(px: Floats, cameras: Sequence[SeenPoints], bias_px: Floats) -> tuple[Floats, Triangulated, float]:
+def _place(
+    px: Floats, cameras: Sequence[SeenPoints], bias_px: Floats, scale_px: float | None
+) -> tuple[Floats, Triangulated, float]:
     """The fields (N, M, 2, 6) at N points, the points in space under a robust loss, and the residuals' scale.
 
     The fields are taken where the points are projected to, not where they are seen: otherwise a field that shrinks
@@ -90,7 +97,7 @@ def _place(px: Floats, cameras: Sequence[SeenPoints], bias_px: Floats) -> tuple[
     field = _field(px - raw.residual_px, np.array([seen.size_px for seen in cameras]))
     corrected = px - np.einsum("nmdf,mf->nmd", field, bias_px)
     plain = triangulate(corrected, px_from_rig, alike, raw.points_in_rig)
-    scale_px = _scale(plain)
+    scale_px = _scale(plain) if scale_px is None else scale_px
     return field, triangulate(corrected, px_from_rig, _loss_weights(plain, scale_px), plain.points_in_rig), scale_px
 
 
@@ -110,7 +117,7 @@ def _scale(placed: Triangulated) -> float:
         return 0.0
     lost = np.sqrt(2 * views / np.maximum(2 * views - 3, 1))
     length = np.hypot(placed.residual_px[..., 0], placed.residual_px[..., 1]) * lost
-    return float(np.median(length[used])) / np.sqrt(2 * np.log(2))
+    return float(np.median(length[used]) / np.sqrt(2 * np.log(2)))
 
 
 def _loss_weights(placed: Triangulated, scale_px: float) -> Floats:

@@ -92,9 +92,17 @@ def _lagrange(node_s: Floats) -> tuple[Floats, Floats]:
 
 
 def _orthogonal_slope(node_s: Floats, weights: Floats) -> Floats:
-    """(..., 4) the least-noise weights that give the slope of a line and are orthogonal to ``weights``."""
-    time = node_s - node_s.mean(axis=-1, keepdims=True)
-    level = weights - 0.25
-    share = (time * level).sum(axis=-1, keepdims=True) / (level**2).sum(axis=-1, keepdims=True)
-    direction = time - share * level
-    return np.asarray(direction / (direction * time).sum(axis=-1, keepdims=True))
+    """(..., 4) weights that give the slope of a line, little noise, and are orthogonal to ``weights``.
+
+    The outer nodes fade out towards the times at which others take their place: cameras that are triggered together
+    are compared at just those times, and an instrument that leaps there has no zero to find.
+    """
+    share = np.clip(-node_s[..., 1] / (node_s[..., 2] - node_s[..., 1]), 0, 1)
+    trust = np.stack([1 - share, np.ones_like(share), np.ones_like(share), share], axis=-1)
+    total, along, square = ((trust * weights**power).sum(axis=-1) for power in (0, 1, 2))
+    time, product = (trust * node_s).sum(axis=-1), (trust * node_s * weights).sum(axis=-1)
+    determinant = total * square - along**2
+    level = (time * square - product * along) / determinant
+    tilt = (total * product - along * time) / determinant
+    direction = trust * (node_s - level[..., None] - tilt[..., None] * weights)
+    return np.asarray(direction / (direction * node_s).sum(axis=-1, keepdims=True))

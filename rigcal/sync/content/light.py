@@ -22,9 +22,10 @@ from rigcal.sync.content.light_centre import find_centre
 from rigcal.sync.content.light_changes import LEAST_FRAMES, LightChange, find_changes
 from rigcal.sync.content.light_exposures import Exposures, exposures
 from rigcal.sync.content.light_intervals import LightCamera, Seen, consistent
-from rigcal.sync.content.light_matching import Matching, match_changes, unmatched
+from rigcal.sync.content.light_matching import Matching, Watched, match_changes, unmatched
 from rigcal.sync.content.light_verdict import SolvedLight, reference_lag, refused_lag, solved_lag
 
+_READ_FRAMES = 0.6  # frames between which the light changed are half a frame from the change, and a little by readout
 _JITTER_SIGMAS = 3.0
 _SMEARED_PX = 8  # half a block of H.264 and its kin: by so many rows an encoder may move the edge of the light
 _UNTOLD = "the light's changes follow each other too fast; leave half a second or more between them"
@@ -131,17 +132,22 @@ def _compared(
             return _Camera(one, unmatched(f"{name} has {len(series.t_s)} frames; {LEAST_FRAMES} are needed"), {})
     changes = find_changes(one)
     search_s = 0.0 if one is base else options.search_s
-    matching = match_changes(base_changes, changes, within_s=_within_s(one, base, options), search_s=search_s)
+    ours, theirs = _watched(base, base_changes), _watched(one, changes)
+    matching = match_changes(ours, theirs, within_s=_within_s(one, base, options), search_s=search_s)
     says = exposures(one, changes)
     pairs = () if matching.reason else matching.pairs
     seen = {r: (changes[c], found) for r, c in pairs if r in told and (found := says[c]) is not None}
     return _Camera(one, matching, seen)
 
 
+def _watched(series: BrightnessSeries, changes: Sequence[LightChange]) -> Watched:
+    return Watched(tuple(changes), float(series.t_s[0]), float(series.t_s[-1]))
+
+
 def _within_s(one: BrightnessSeries, base: BrightnessSeries, options: LightOptions) -> float:
-    """How far apart the times of one change may be read in two cameras: to a frame of each, and their drift."""
+    """How far from the offset the times of one change may be read in two cameras: frames of each, and their drift."""
     span_s = max(float(np.ptp(one.t_s)), float(np.ptp(base.t_s)))
-    return one.period_s + base.period_s + options.drift_limit_ppm * 1e-6 * span_s
+    return _READ_FRAMES * (one.period_s + base.period_s) + options.drift_limit_ppm * 1e-6 * span_s
 
 
 def _known(camera: _Camera, base: BrightnessSeries, options: LightOptions) -> LightCamera:
@@ -154,7 +160,7 @@ def _known(camera: _Camera, base: BrightnessSeries, options: LightOptions) -> Li
     smeared = _SMEARED_PX / series.height_px if series.coded else 0.0
     return LightCamera(
         offset_s=camera.matching.offset_s,
-        within_s=0.0 if series is base else 2 * _within_s(series, base, options),
+        within_s=0.0 if series is base else 4 * _within_s(series, base, options),
         at_s=(changes[0].t_s + changes[-1].t_s) / 2,
         period_s=series.period_s,
         greatest_drift_ppm=0.0 if series is base else options.drift_limit_ppm,

@@ -9,38 +9,27 @@ intervals it has a third to three quarters of the error where a dozen changes le
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from rigcal.geometry import Floats
 from rigcal.sync.content.light_intervals import Polytope, corner
 
-_CORNERS, _SAMPLES, _SAMPLES_PER_UNKNOWN = 60, 2000, 40
+_CORNERS, _SAMPLES, _SAMPLES_PER_UNKNOWN = 30, 1500, 40
 _BURN_IN = 0.25  # share of the samples that still tell of where the walk began
 _FLAT = 1e-9  # a step along a direction, or of a row against it, below this is rounding
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Centre:
-    """Mean and standard deviation of every unknown over the polytope, in the polytope's own units and order."""
-
-    mean: Floats
-    sigma: Floats
-
-
-def find_centre(polytope: Polytope, *, seed: int = 0) -> Centre:
-    """Sample a polytope; the same polytope and seed give the same centre."""
+def find_centre(polytope: Polytope, *, seed: int = 0) -> Floats:
+    """(u,) mean of every unknown over a polytope; the same polytope and seed give the same."""
     rng = np.random.default_rng(seed)
     free = polytope.greatest > polytope.least
     points = [corner(polytope, np.where(free, rng.standard_normal(len(free)), 0.0))[free] for _ in range(_CORNERS)]
     eye = np.eye(int(free.sum()))
     rows = np.concatenate((polytope.matrix[:, free], eye, -eye))
     limits = np.concatenate((polytope.limit, polytope.greatest[free], -polytope.least[free]))
-    samples = _walk(rows, limits, points, rng)
-    mean, sigma = polytope.least.copy(), np.zeros(len(free))
-    mean[free], sigma[free] = samples.mean(axis=0), samples.std(axis=0)
-    return Centre(mean, sigma)
+    centre = polytope.least.copy()
+    centre[free] = _walk(rows, limits, points, rng).mean(axis=0)
+    return centre
 
 
 def _walk(rows: Floats, limits: Floats, points: list[Floats], rng: np.random.Generator) -> Floats:

@@ -30,6 +30,8 @@ _MOST_CLIPPED = 0.01  # share of white pixels above which a cell does not tell h
 _UNSEEN, _SEEN = 0.05, 0.25  # parts of the greatest change that a flash leaves where rows did not, and did, see it
 _UNSEEN_EXPOSURE = 0.1  # of its exposure a row may have shared with a flash that it counts as not having seen
 
+_PARTLY_BANDS = 8  # of a frame are used where more are partly lit: the others say the same again
+
 START, END = 0, 1
 """Which of a change's two times: when the light changes, and when a flash is over."""
 
@@ -57,6 +59,8 @@ class Exposures:
 
 def exposures(series: BrightnessSeries, changes: Sequence[LightChange]) -> tuple[Exposures | None, ...]:
     """What each change says; None for one that is too close to another one, or too unsteady, to say anything."""
+    if not changes:
+        return ()
     noise = cell_noise(series.cells.reshape(len(series.t_s), -1)).reshape(series.clipped.shape)
     greatest = {kind: _greatest_flash(series, changes, kind, noise) for kind in ("flash", "dip")}
     found: list[Exposures | None] = []
@@ -152,7 +156,9 @@ def _light(part: Floats, dark: Floats, lit: Floats, power: float) -> Floats:
 
 def _of_frame(t_s: float, rows: Floats, some: Bools, missing: Bools, least: Floats, most: Floats) -> list[Exposures]:
     """Inequalities of one frame's bands, of which those wholly before or after the change count as one range."""
-    partly, before, after = some & missing, missing & ~some, some & ~missing
+    before, after = missing & ~some, some & ~missing
+    partly = np.flatnonzero(some & missing)
+    partly = partly[:: len(partly) // _PARTLY_BANDS + 1]
     found = [
         _inequalities(-1, t_s, rows[partly], 0.5 - least[partly], START),
         _inequalities(1, t_s, rows[partly], 0.5 - most[partly], START),

@@ -26,7 +26,7 @@ _PER_CAMERA = 5  # offset, drift, readout, exposure in the dark, exposure in the
 _OFFSET, _DRIFT, _READOUT, _DARK, _LIT = range(_PER_CAMERA)
 _PER_CHANGE = 2  # START, END
 _AROUND_MS = 5e3  # a change is within this of where the reference saw it: no limit in practice
-_GROSS_MS = 3.0  # a change that contradicts the others by more was another one, or of another lamp
+_GROSS_MS = 1.0  # a change that contradicts the others by more was another one, or of another lamp
 _EASED = 3.0  # where limits contradict each other by less: how many times that they are eased, all alike
 
 

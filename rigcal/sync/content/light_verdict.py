@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rigcal.geometry import Floats
 from rigcal.sync.content.lags import CameraLag
-from rigcal.sync.content.light_centre import Centre
-from rigcal.sync.content.light_intervals import Consistent, Unknown, interval
+from rigcal.sync.content.light_intervals import Consistent, interval
 from rigcal.sync.content.light_matching import Matching
 
-_MOST_CONTRADICTED = 1 / 3
+_MOST_CONTRADICTED = 1 / 8
 """Share of a camera's changes that may contradict the others before its clock is refused."""
+_OPEN_PERIODS = 1.5
+"""Frame periods of both cameras together: a wider interval than any single change leaves is no clock."""
 _DRIFT_KNOWN = 0.25  # a drift is told where its interval is narrower than this part of what clocks may drift
 _READOUT_KNOWN = 0.1  # a readout, where its standard deviation is below this part of a frame period
 
@@ -22,7 +24,8 @@ class SolvedLight:
     """What the changes of the light say together."""
 
     consistent: Consistent
-    centre: Centre
+    centre: Floats
+    """The likeliest unknowns of the polytope."""
     camera_ids: tuple[str, ...]
     """The cameras of the polytope, in its order."""
     reference: str
@@ -56,18 +59,19 @@ def refused_lag(camera_id: str, reason: str, at_s: float, matching: Matching, dr
 def solved_lag(camera_id: str, matching: Matching, solved: SolvedLight) -> CameraLag:
     """The clock of a camera of the polytope: the likeliest offset, and the interval's farther end as its bound."""
     index, polytope = solved.camera_ids.index(camera_id), solved.consistent.polytope
-    offset_s, _ = _likeliest(solved, index, "offset_s")
+    offset_s = polytope.in_units(index, "offset_s", float(solved.centre[polytope.column(index, "offset_s")]))
     least_s, greatest_s = interval(polytope, index, "offset_s")
     drift_ppm, drift_bound_ppm = _drift(*interval(polytope, index, "drift_ppm"), solved.drift_limit_ppm)
     readout_s, sigma_s = _readout(solved, index)
-    reason = _contradiction(camera_id, solved)
+    bound_s = max(greatest_s - offset_s, offset_s - least_s)
+    reason = _contradiction(camera_id, solved) or _open(bound_s, index, solved)
     return CameraLag(
         camera_id,
         not reason,
         reason,
         offset_s,
         polytope.cameras[index].at_s,
-        max(greatest_s - offset_s, offset_s - least_s),
+        bound_s,
         drift_ppm,
         drift_bound_ppm,
         readout_s,
@@ -91,6 +95,18 @@ def _contradiction(camera_id: str, solved: SolvedLight) -> str:
     )
 
 
+def _open(bound_s: float, index: int, solved: SolvedLight) -> str:
+    """Why an interval is too wide to be of use; empty where it is not."""
+    cameras = solved.consistent.polytope.cameras
+    periods_s = cameras[index].period_s + cameras[solved.camera_ids.index(solved.reference)].period_s
+    if bound_s <= _OPEN_PERIODS * periods_s:
+        return ""
+    return (
+        f"the changes of the light leave the offset open to {bound_s:.2f} s either way; switch a lamp on or off "
+        f"several times, a second or more apart"
+    )
+
+
 def _drift(least_ppm: float, greatest_ppm: float, limit_ppm: float) -> tuple[float, float]:
     """Drift and its bound; 0 where the recording is too short to tell it from none."""
     half_ppm = (greatest_ppm - least_ppm) / 2
@@ -100,15 +116,10 @@ def _drift(least_ppm: float, greatest_ppm: float, limit_ppm: float) -> tuple[flo
 
 
 def _readout(solved: SolvedLight, index: int) -> tuple[float | None, float | None]:
-    """Readout and its standard deviation; None where it is open."""
-    readout_s, sigma_s = _likeliest(solved, index, "readout_s")
-    known = sigma_s <= _READOUT_KNOWN * solved.consistent.polytope.cameras[index].period_s
-    return (readout_s, sigma_s) if known else (None, None)
-
-
-def _likeliest(solved: SolvedLight, index: int, unknown: Unknown) -> tuple[float, float]:
-    """The centre of an unknown and its standard deviation, in its own unit."""
-    polytope, column = solved.consistent.polytope, solved.consistent.polytope.column(index, unknown)
-    mean = polytope.in_units(index, unknown, float(solved.centre.mean[column]))
-    above = polytope.in_units(index, unknown, float(solved.centre.mean[column] + solved.centre.sigma[column]))
-    return mean, above - mean
+    """Readout and its standard deviation, of an even spread over its interval; None where that is wide."""
+    polytope = solved.consistent.polytope
+    least_s, greatest_s = interval(polytope, index, "readout_s")
+    sigma_s = (greatest_s - least_s) / np.sqrt(12)
+    if sigma_s > _READOUT_KNOWN * polytope.cameras[index].period_s:
+        return None, None
+    return (least_s + greatest_s) / 2, float(sigma_s)

@@ -11,14 +11,13 @@ from rigcal.geometry import Bools, Floats, Ints
 from rigcal.sync.content.clocks import OFFSET, Clocks
 from rigcal.sync.content.equations import CLOCK, WIDTH, Comparison, Equations, form_equations
 from rigcal.sync.content.search import BLOCK_S
-from rigcal.sync.content.seen import SeenPoints
+from rigcal.sync.content.seen import SeenPoints, noise_px
 
 _MOST_VIEWS = 100_000  # cameras times times times points: a third of a second a round
 _DONE_S = 1e-6
+_SCALED = 4  # rounds after which the scale of the loss is kept, so that weights come to rest
 _SETTLED = 0.1  # of a sigma: the last step of robust weights that go to and fro
-_BIAS_SIGMA_PX = 5.0  # a calibration that is further off than that is none
-_READOUT_SIGMA_S = 0.03  # readouts of rolling shutters: 5 to 33 ms
-_THIRD_DIFFERENCE = 20.0  # variance of x0 - 3 x1 + 3 x2 - x3 over that of each x
+_BIAS_SIGMA_PX = 3.0  # a calibration that is further off is none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,16 +51,6 @@ def compare(cameras: Sequence[SeenPoints], clocks: Clocks) -> Comparison:
     return Comparison(cameras, at_s, block, np.array([noise_px(seen) for seen in cameras]))
 
 
-def noise_px(seen: SeenPoints) -> float:
-    """Random noise of a camera's points per axis, from what a smooth motion cannot be: third differences."""
-    first = np.flatnonzero(seen.follows) - 1
-    if not len(first):
-        return 0.0
-    third = seen.px[first] - 3 * seen.px[first + 1] + 3 * seen.px[first + 2] - seen.px[first + 3]
-    known = third[np.isfinite(third)]
-    return float(np.median(np.abs(known)) / 0.6745 / np.sqrt(_THIRD_DIFFERENCE)) if len(known) else 0.0
-
-
 def refine(comparison: Comparison, clocks: Clocks, sigma: Floats, *, rounds: int = 15) -> Refined:
     """Solve for clocks and fields of pixels together.
 
@@ -74,14 +63,16 @@ def refine(comparison: Comparison, clocks: Clocks, sigma: Floats, *, rounds: int
     prior, free = _prior(sigma, count)
     start = np.concatenate([clocks.values, np.zeros((count, WIDTH - CLOCK))], axis=1)
     state, step = start.copy(), np.zeros_like(start)
-    for _ in range(rounds):
-        equations = _equations(comparison, clocks, state)
+    scale_px = None
+    for turn in range(rounds):
+        equations = _equations(comparison, clocks, state, scale_px)
+        scale_px = equations.scale_px if turn >= _SCALED else None
         step = _step(equations, prior, free, (start - state).ravel(), sigma[:, OFFSET].max()).reshape(count, WIDTH)
         state += step
         if np.abs(step[:, OFFSET]).max() < _DONE_S:
             break
     solved = replace(clocks, values=state[:, :CLOCK])
-    equations = _equations(comparison, clocks, state)
+    equations = _equations(comparison, clocks, state, scale_px)
     covariance = _jackknife(equations, prior, free)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0)).reshape(count, WIDTH)
     return Refined(
@@ -95,8 +86,8 @@ def refine(comparison: Comparison, clocks: Clocks, sigma: Floats, *, rounds: int
     )
 
 
-def _equations(comparison: Comparison, clocks: Clocks, state: Floats) -> Equations:
-    return form_equations(comparison, replace(clocks, values=state[:, :CLOCK]), state[:, CLOCK:])
+def _equations(comparison: Comparison, clocks: Clocks, state: Floats, scale_px: float | None) -> Equations:
+    return form_equations(comparison, replace(clocks, values=state[:, :CLOCK]), state[:, CLOCK:], scale_px)
 
 
 def _prior(sigma: Floats, count: int) -> tuple[Floats, Bools]:
@@ -114,7 +105,7 @@ def _step(equations: Equations, prior: Floats, free: Bools, from_start: Floats, 
     step = np.zeros(len(free))
     step[free] = np.linalg.solve(matrix[np.ix_(free, free)], right[free])
     longest = np.abs(step[OFFSET::WIDTH]).max()
-    return step * min(1.0, most_s / longest) if longest > 0 else step
+    return np.asarray(step * min(1.0, most_s / longest) if longest > 0 else step)
 
 
 def _variance(equations: Equations) -> float:
@@ -130,19 +121,17 @@ def _jackknife(equations: Equations, prior: Floats, free: Bools) -> Floats:
     """
     weight = prior * _variance(equations)
     pick = np.ix_(free, free)
-    whole = equations.matrix.sum(axis=0) + np.diag(weight)
+    parts = equations.bend * equations.matrix
+    whole = parts.sum(axis=0) + np.diag(weight)
     changes = np.stack(
-        [
-            np.linalg.solve((whole - matrix)[pick], right[free])
-            for matrix, right in zip(equations.matrix, equations.right, strict=True)
-        ]
+        [np.linalg.solve((whole - part)[pick], right[free]) for part, right in zip(parts, equations.right, strict=True)]
     )
     blocks = len(changes)
     inverse = np.linalg.inv(whole[pick])
     covariance = np.zeros_like(whole)
     covariance[pick] = (blocks - 1) / blocks * changes.T @ changes
     covariance[pick] += inverse * (weight * _variance(equations))[free] @ inverse.T
-    return covariance
+    return np.asarray(covariance)
 
 
 def _effective_blocks(equations: Equations, count: int) -> Floats:

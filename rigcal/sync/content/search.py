@@ -54,8 +54,9 @@ class Found:
     """(L,) its cost per point; NaN where too little overlaps."""
     rival_s: float | None
     """The second-best offset, a minimum of its own; None where there is none."""
-    rival_cost: float
-    """The rival's cost over the best one's; infinite without a rival."""
+    rival_height: float
+    """How much more the rival costs than the best, as a share of how much more the median offset does; infinite
+    without a rival."""
     lead: float
     """How far the best leads before the rival, in standard errors over blocks of time; infinite without a rival."""
     depth: float
@@ -153,11 +154,19 @@ def _linear(seen: SeenPoints, at_s: Floats, point: Ints) -> Floats:
 
 
 def _robust(error: np.ndarray[tuple[int, int], np.dtype[np.float32]], known: Bools) -> Floats:
-    """Costs between 0 and 1 (Geman and McClure), scaled by what the best lag leaves over."""
-    enough = known.sum(axis=1) >= max(_LEAST_COMPARED, _LEAST_SHARE * known.sum(axis=1).max(initial=0))
-    size = np.abs(error)
-    least = min((float(np.median(row[k])) for row, k in zip(size[enough], known[enough], strict=True)), default=0.0)
-    scale = max(2 * least, _LEAST_SCALE_PX)
+    """Costs between 0 and 1 (Geman and McClure), scaled by what the best lag leaves over, and by the grid's step.
+
+    Otherwise a sharp minimum would look deeper than its like whose middle lies between two steps.
+    """
+    count = known.sum(axis=1)
+    enough = np.flatnonzero(count >= max(_LEAST_COMPARED, _LEAST_SHARE * count.max(initial=0)))
+    if not len(enough):
+        return np.ones(error.shape)
+    size = [float(np.median(np.abs(error[row, known[row]]))) for row in enough]
+    best = int(enough[np.argmin(size)])
+    beside = np.abs(np.diff(error[max(best - 1, 0) : best + 2], axis=0))
+    per_step = float(np.median(beside[np.isfinite(beside)])) if np.isfinite(beside).any() else 0.0
+    scale = max(2 * min(size), per_step, _LEAST_SCALE_PX)
     return np.asarray(error**2 / (error**2 + scale**2), dtype=np.float64)
 
 
@@ -190,18 +199,19 @@ class _Table:
     def found(self, camera: int, placed: Mapping[int, int], start_s: float, step_s: float) -> Found:
         """What the search says of one camera."""
         steps = np.arange(-self._reach, self._reach + 1)
+        offsets_s = np.asarray(start_s + steps * step_s, dtype=np.float64)
         profile = self._profile(camera, placed)
         if camera == 0 or not np.isfinite(profile).any():
-            return Found(start_s, steps * step_s + start_s, profile, None, np.inf, np.inf, 1.0, False)
+            return Found(start_s, offsets_s, profile, None, np.inf, np.inf, 1.0, False)
         best = int(np.nanargmin(profile))
         rival = _rival(profile, best)
         tried = np.flatnonzero(np.isfinite(profile))
         return Found(
-            start_s + steps[best] * step_s,
-            start_s + steps * step_s,
+            float(offsets_s[best]),
+            offsets_s,
             profile,
-            None if rival is None else start_s + steps[rival] * step_s,
-            np.inf if rival is None else float(profile[rival] / max(profile[best], 1e-12)),
+            None if rival is None else float(offsets_s[rival]),
+            np.inf if rival is None else float((profile[rival] - profile[best]) / max(_contrast(profile), 1e-12)),
             np.inf if rival is None else self._lead(camera, placed, int(steps[best]), int(steps[rival])),
             float(profile[best] / max(float(np.nanmedian(profile)), 1e-12)),
             best - tried[0] < STEPS_PER_FRAME or tried[-1] - best < STEPS_PER_FRAME,

@@ -14,6 +14,8 @@ from rigcal.sync.content.tracks import PointTracks
 _WIDEST = 4.0  # tangent of the angle from the axis beyond which an undistorted pixel says nothing (76 degrees)
 _SHORTEST, _LONGEST = 0.3, 1.7  # of the usual spacing: between them, frames follow one another without a gap
 
+_THIRD_DIFFERENCE = 20.0  # variance of x0 - 3 x1 + 3 x2 - x3 over that of each x
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPoints:
@@ -53,6 +55,16 @@ def prepare(member: RigCamera, tracks: PointTracks, epoch_s: float) -> SeenPoint
         follows,
         camera.size_wh[0] / 2,
     )
+
+
+def noise_px(seen: SeenPoints) -> float:
+    """Random noise of a camera's points per axis, from what a smooth motion cannot be: third differences."""
+    first = np.flatnonzero(seen.follows) - 1
+    if not len(first):
+        return 0.0
+    third = seen.px[first] - 3 * seen.px[first + 1] + 3 * seen.px[first + 2] - seen.px[first + 3]
+    known = third[np.isfinite(third)]
+    return float(np.median(np.abs(known)) / 0.6745 / np.sqrt(_THIRD_DIFFERENCE)) if len(known) else 0.0
 
 
 def _spacing(t_s: Floats) -> tuple[float, Bools]:

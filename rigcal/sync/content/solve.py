@@ -115,7 +115,8 @@ def _solved(
     cameras: Sequence[SeenPoints], found: Sequence[Found | None], options: LagOptions
 ) -> tuple[list[CameraLag], float]:
     """Lags after the common epoch, and how far pairs disagree."""
-    lags, clear = [], []
+    lags: list[CameraLag] = []
+    clear: list[tuple[int, Found]] = []
     for seen, searched in zip(cameras, found, strict=True):
         problem = search_problem(searched, seen, options.search_s) if lags else ""
         lags.append(_guess(seen, searched, problem, options))

@@ -112,12 +112,12 @@ def _corners(member: RigCamera, board: Board, motion: Motion, clock: CameraClock
     pixels = _projected(member, board, motion, middle_s)
     if clock.readout_s:
         knots = np.stack([_projected(member, board, motion, middle_s + share * clock.readout_s) for share in _KNOTS])
-        path = KroghInterpolator(_KNOTS, knots)
+        path, each = KroghInterpolator(_KNOTS, knots), np.arange(len(pixels))
         for _ in range(_ROUNDS):
             share = np.nan_to_num(pixels[:, 1] / (height - 1) - 0.5)
-            pixels = np.stack([path(s)[point] for point, s in enumerate(np.clip(share, -0.6, 0.6))])
-    inside = ((pixels >= 0) & (pixels <= [width - 1, height - 1])).all(axis=1)
-    return np.where(inside[:, None], pixels, np.nan)
+            pixels = path(np.clip(share, _KNOTS[0], _KNOTS[-1]))[each, each]
+    inside = ((pixels >= 0) & (pixels <= np.array([width - 1, height - 1]))).all(axis=1, keepdims=True)
+    return np.where(inside, pixels, np.nan)
 
 
 def _projected(member: RigCamera, board: Board, motion: Motion, at_s: float) -> Floats:

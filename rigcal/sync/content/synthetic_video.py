@@ -58,10 +58,13 @@ class Film:
         """(H, W) picture whose middle row is exposed about a rig time."""
         count, exposure_s = self._shutter.sub_exposures, self._shutter.exposure_s
         times = middle_s + ((np.arange(count) + 0.5) / count - 0.5) * exposure_s
-        mean = np.mean([self._instant(float(time), readout_s) for time in times], axis=0, dtype=np.float32)
-        blurred = cv2.GaussianBlur(mean, (0, 0), self._shutter.blur_px)
-        noisy = blurred + self._rng.normal(0, self._shutter.noise_dn, mean.shape)
-        return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        total = self._instant(float(times[0]), readout_s)
+        for time in times[1:]:
+            total += self._instant(float(time), readout_s)
+        blurred = cv2.GaussianBlur(total / count, (0, 0), self._shutter.blur_px)
+        noise = self._rng.standard_normal(blurred.shape, dtype=np.float32)
+        noisy = np.rint(blurred + self._shutter.noise_dn * noise)
+        return np.asarray(np.clip(noisy, 0, 255), dtype=np.uint8)
 
     def _instant(self, middle_s: float, readout_s: float) -> NDArray[np.float32]:
         """(H, W) grey levels without exposure time."""
@@ -70,7 +73,7 @@ class Film:
         poses = [self._member.cam_from_rig @ self._motion(middle_s + float(s) * readout_s) for s in share]
         box = self._box(poses)
         if box is None:
-            return self._room
+            return self._room.copy()
         left, top, right, bottom = box
         texture_from_ray = np.stack([_texture_from_ray(self._texture, pose) for pose in poses])
         row = np.arange(top, bottom) / (height - 1) - 0.5

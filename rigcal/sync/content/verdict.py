@@ -6,15 +6,15 @@ import numpy as np
 from scipy import stats
 
 from rigcal.sync.content.search import Found
-from rigcal.sync.content.seen import SeenPoints
+from rigcal.sync.content.seen import SeenPoints, noise_px
 
 CLEAR_LEAD = 4.0
 """Standard errors by which the best offset must lead before its rival."""
 LEAST_BLOCKS = 4.0
 """Seconds of motion below which the scatter between them says too little."""
 _FLAT = 0.9  # of the median cost: the best offset of a still board, or of motion along the lines
-_ALIKE = 1.5  # of the best cost: a rival that costs more is none, however few seconds there are to compare
-_STILL_PX_S = 5.0
+_ALIKE, _UNCLEAR = 0.25, 0.5  # of the way from the best cost to the median one
+_LEAST_MOTION_PX = 1.0
 _THREE_SIGMA = float(stats.norm.cdf(3.0))
 
 
@@ -25,13 +25,16 @@ def bound_factor(blocks: float) -> float:
 
 def search_problem(found: Found | None, seen: SeenPoints, search_s: float) -> str:
     """Why the search does not decide; empty where it does."""
+    if not np.isfinite(seen.px).any():
+        return "no points were found in its frames"
     if found is None:
         return "too little overlap: no other camera saw the same points at the same time"
+    if not _moves(seen):
+        return "nothing moves"
     if found.depth > _FLAT:
-        if _speed_px_s(seen) < _STILL_PX_S:
-            return "nothing moves"
         return "nothing moves across the epipolar lines, so that every offset fits alike"
-    if found.rival_s is not None and found.lead < CLEAR_LEAD and found.rival_cost < _ALIKE:
+    unclear = found.rival_height < _UNCLEAR and found.lead < CLEAR_LEAD
+    if found.rival_s is not None and (unclear or found.rival_height < _ALIKE):
         return f"the best two offsets are alike: {_ms(found.offset_s)} and {_ms(found.rival_s)}"
     if found.at_edge:
         return f"the best offset, {_ms(found.offset_s)}, is at an end of the search, {search_s:g} s either way"
@@ -49,13 +52,11 @@ def solution_problem(bound_s: float, blocks: float, spacing_s: float, *, settled
     return ""
 
 
-def _speed_px_s(seen: SeenPoints) -> float:
-    """How fast points move at their fastest: the 90th percentile over frames."""
-    if len(seen.t_s) < 3:
-        return 0.0
-    step = np.linalg.norm(seen.px[2:] - seen.px[:-2], axis=-1) / (seen.t_s[2:] - seen.t_s[:-2])[:, None]
-    known = step[np.isfinite(step)]
-    return float(np.percentile(known, 90)) if len(known) else 0.0
+def _moves(seen: SeenPoints) -> bool:
+    """Whether points wander by more than their noise."""
+    followed = seen.px[:, np.isfinite(seen.px).all(axis=-1).sum(axis=0) > 1]
+    spread = np.nanstd(followed, axis=0).max(initial=0.0)
+    return bool(spread > _LEAST_MOTION_PX + 1.5 * noise_px(seen))
 
 
 def _ms(seconds: float) -> str:
