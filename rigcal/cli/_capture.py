@@ -16,13 +16,15 @@ if TYPE_CHECKING:
     from rigcal.site import Site
 
 
-def find_boards(path: Path, board: Board, site: Site | None, cache: bool) -> SiteDetections:
+def find_boards(
+    path: Path, board: Board, site: Site | None, cache: bool, clocks: Mapping[str, ClockModel | None] | None = None
+) -> SiteDetections:
     """Open a capture and find the boards in it; refuse it with the cause where too few are found."""
     from rigcal.captures import open_capture
     from rigcal.diagnose import check_boards
 
     capture = open_capture(path, camera_order=[camera.id for camera in site.cameras] if site else None)
-    detections = search(capture, board, cache)
+    detections = search(capture, board, cache, clocks)
     check_boards(capture, detections)
     _check_sizes(detections, site)
     return detections

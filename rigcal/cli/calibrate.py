@@ -74,6 +74,10 @@ def calibrate(
     distance: DistanceOption = None,
     measured_square: SquareOption = None,
     board_bow: BowOption = False,
+    clocks: Annotated[
+        Path | None,
+        typer.Option(metavar="RIG", help="Rig file whose clocks, of `rigcal sync`, put the capture's frames together."),
+    ] = None,
     cache: CacheOption = True,
     as_json: JsonOption = False,
 ) -> None:
@@ -83,7 +87,7 @@ def calibrate(
     """
     lengths = _Lengths(tuple(distance or ()), measured_square)
     options = _options(model, lenses_free=intrinsics is None, bow=board_bow)
-    document = _calibrate("calibrate", capture, output, board, site, intrinsics, options, lengths, cache)
+    document = _calibrate("calibrate", capture, output, board, site, intrinsics, options, lengths, cache, clocks)
     finish(document, output, as_json)
 
 
@@ -150,6 +154,7 @@ def _calibrate(
     options: CalibrateOptions,
     lengths: _Lengths,
     cache: bool,
+    clocks_path: Path | None = None,
 ) -> RigDocument:
     from rigcal.captures import open_capture
     from rigcal.evidence import SUFFIX, beside, write_evidence
@@ -157,12 +162,15 @@ def _calibrate(
     from rigcal.outcome import document_of, evidence_of
     from rigcal.pictures import with_pictures, worst_views
     from rigcal.pipeline import calibrate_site
-    from rigcal.rigfile import write_rigfile
+    from rigcal.rigfile import read_rigfile, rig_of, write_rigfile
     from rigcal.site import GateLimits
+    from rigcal.sync.record import clock_limits, with_clocks_of
 
     site = site_of(site_path)
     known = _known(site, lengths)
-    detections = find_boards(capture, board_of(board, site), site, cache)
+    clocked = read_rigfile(clocks_path) if clocks_path else None
+    clocks = {camera.id: camera.clock for camera in rig_of(clocked).cameras} if clocked else None
+    detections = find_boards(capture, board_of(board, site), site, cache, clocks)
     require_cameras(known.distances, detections.camera_ids)
     lenses = _lenses(detections, site, intrinsics_path, options, cache)
     result = calibrate_site(detections, site.gates if site else GateLimits(), lenses, options, known=known)
@@ -177,10 +185,13 @@ def _calibrate(
             "model": options.model,
             "board_bow": options.refine.bow,
             "intrinsics_given": intrinsics_path is not None,
+            "clocks_given": clocked.digest if clocked else None,
             "distances": [distance.spec for distance in known.distances],
             "measured_square": known.square.text if known.square else None,
         },
     )
+    if clocked is not None:
+        document = with_clocks_of(document, clocked, clock_limits(document, site))
     with writing(output):
         evidence = evidence_of(result)
         evidence = with_pictures(evidence, open_capture(capture), worst_views(evidence))

@@ -184,6 +184,14 @@ def with_clocks(
     return amended(document, changes, command=command, utc=utc)
 
 
+def with_clocks_of(document: RigDocument, source: RigDocument, limits: ClockLimits) -> RigDocument:
+    """A fresh calibration with the clocks of an older rig file, by which its instants were found."""
+    known = ((camera_id, model_of(source, camera_id)) for camera_id in document.camera_ids)
+    clocks = [CameraClock(c, model, evidence_of_clock(source, c)) for c, model in known if model is not None]
+    carried = with_clocks(document, clocks, limits, command="calibrate", utc=document.created_utc)
+    return carried.model_copy(update={"history": document.history})
+
+
 def clock_gates(clocks: Mapping[str, ClockEntry | None], limits: ClockLimits) -> tuple[GateEntry, ...]:
     """The gate of every camera whose clock was measured: fastest motion times the clock's bound."""
     gates = []

@@ -1,6 +1,6 @@
 """`make bench-sync`: everything that measures clocks, beside its peers, one JSON object per line; fixed seeds.
 
-    python tools/bench/sync.py [estimator probing board people light interpolation sites]
+python tools/bench/sync.py [estimator probing board people light interpolation sites]
 """
 
 from __future__ import annotations

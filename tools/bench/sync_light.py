@@ -2,7 +2,7 @@
 
 A room of small images (320 x 180, 30 fps) is lit by a lamp that goes on and off at uneven times. Each camera sees it
 through its own shutter, with its own gain over the image, noise, a tone curve of power 1/2.2 and 8 bits; some go
-through H.264. Clocks are unrelated: the cameras' stamps are up to 3 s apart, their rates up to 40 ppm. Given per shutter
+through H.264. Clocks are unrelated: the cameras' stamps are up to 3 s apart, their rates up to 40 ppm. Per shutter
 and number of changes: the error of the offset, the half-width of the claimed interval, and whether it held the truth.
 
     OPENBLAS_NUM_THREADS=1 python tools/bench/sync_light.py

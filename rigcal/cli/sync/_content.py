@@ -149,11 +149,11 @@ def _people(content: Content) -> ContentLags:
 
 def _light(content: Content) -> ContentLags:
     from rigcal.sync.content.brightness import measure_brightness
-    from rigcal.sync.content.light import light_lags
+    from rigcal.sync.content.light import LightOptions, light_lags
 
     with _progress("looking at the light") as tell:
         series = measure_brightness(content.capture, content.stamps, progress=tell)
-    return light_lags(series, reference=content.reference)
+    return light_lags(series, reference=content.reference, options=LightOptions(readout_s=content.readout_s))
 
 
 def _motion(content: Content) -> ContentLags:

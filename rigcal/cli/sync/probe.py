@@ -64,7 +64,8 @@ def probe(
 ) -> None:
     """Probe the clock of each camera's host into the rig file.
 
-    Offset and drift come with a bound that holds whatever packets waited. A host is a computer that stamps frames: one that runs `rigcal sync serve`, or any NTP server. Hosts without a
+    Offset and drift come with a bound that holds whatever packets waited. A host is a computer that stamps frames: one
+    that runs `rigcal sync serve`, or any NTP server. Hosts without a
     camera's name are taken in rig order; one host alone is every camera's. A capture latency in the site file is added.
 
     Exit code 0: every host answered and the gate passes; 1: one did not (the others are written); 2: bad input.

@@ -21,7 +21,8 @@ def serve(
 ) -> None:
     """Answer probes on a camera's host, until Ctrl-C.
 
-    Run it on every computer that stamps frames; one that runs an NTP server already need not. Exit code 0: stopped by Ctrl-C; 2: the port cannot be used.
+    Run it on every computer that stamps frames; one that runs an NTP server already need not. Exit code 0: stopped by
+    Ctrl-C; 2: the port cannot be used.
     """
     from rigcal.sync.network import serve as answer
 

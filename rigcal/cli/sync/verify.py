@@ -39,7 +39,8 @@ def verify(
 ) -> None:
     """Check before a recording that the clocks are right.
 
-    One line per camera: green, amber or red, with the error in millimetres at the site's fastest motion. Hosts are those of the site file, else those that `sync probe` found. A short capture of a board that moves quickly
+    One line per camera: green, amber or red, with the error in millimetres at the site's fastest motion. Hosts are
+    those of the site file, else those that `sync probe` found. A short capture of a board that moves quickly
     before all cameras also checks the cameras themselves; without one only clocks and stamps are looked at.
 
     Exit code 0: every camera may record (green or amber); 1: a camera is red; 2: bad input.
@@ -60,6 +61,7 @@ def verify(
             hosts.get(camera_id),
             stamps.get(camera_id),
             lags.camera(camera_id) if lags else None,
+            _last_stamp_s(content, camera_id),
             swapped.get(camera_id),
         )
         for camera_id in document.camera_ids
@@ -70,6 +72,17 @@ def verify(
     else:
         _show(check)
     raise typer.Exit(1 if check.colour is Colour.RED else 0)
+
+
+def _last_stamp_s(content: Content | None, camera_id: str) -> float | None:
+    """The last stamp of a camera's frames, by its own clock."""
+    from rigcal.cli.sync._content import stamps_of
+
+    ids = [camera.id for camera in content.capture.cameras] if content else []
+    if content is None or camera_id not in ids:
+        return None
+    times_s = stamps_of(content.capture, None).times_s[ids.index(camera_id)]
+    return float(times_s[-1]) if len(times_s) else None
 
 
 def _hosts(document: RigDocument, site: Site | None, seconds: float) -> dict[str, HostReading]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -44,7 +45,8 @@ def video(
 ) -> None:
     """Measure the clocks from what the cameras saw.
 
-    That is a board that moves, people (--detections), or a light that is switched on and off a few times. Unlike a probe this sees the whole chain, the camera's own latency too. Offsets are relative to the rig's
+    That is a board that moves, people (--detections), or a light that is switched on and off a few times. Unlike a
+    probe this sees the whole chain, the camera's own latency too. Offsets are relative to the rig's
     reference camera. Without --rig whole frames are compared by a light or the motion, and nothing is written.
 
     Exit code 0: the clock of every camera was decided; 1: some were not (the others are written); 2: bad input.
@@ -118,7 +120,9 @@ def _as_json(
 
 def _camera(camera: CameraLag) -> dict[str, Any]:
     names = ("confident", "reason", "offset_s", "at_s", "bound_s", "drift_ppm", "drift_bound_ppm", "readout_s")
-    return {"id": camera.camera_id} | {name: getattr(camera, name) for name in names}
+    values = {name: getattr(camera, name) for name in names}
+    known = {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in values.items()}
+    return {"id": camera.camera_id} | known
 
 
 def _show(

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from rigcal.rig import ClockModel
+from rigcal.stamps import same_epoch
 from rigcal.sync.check.findings import Colour, Finding, duration
 from rigcal.sync.check.readings import CameraReadings, HostReading
 from rigcal.sync.record import ClockLimits
@@ -34,8 +37,17 @@ class ClockState:
 
 
 def clock_state(readings: CameraReadings, now_s: float) -> ClockState | None:
-    """A camera's clock now; None where neither the rig file nor a probe says anything."""
+    """A camera's clock now; None where neither the rig file nor a probe says anything.
+
+    A clock that was measured by stamps since the start of a recording is judged at the end of the capture.
+    """
     model, fresh = readings.model, _fresh(readings)
+    if model is not None and not same_epoch(np.array([now_s]), model):
+        if readings.stamped_s is None or not same_epoch(np.array([readings.stamped_s]), model):
+            return None
+        at_s = readings.stamped_s
+        offset_s = model.rig_time_s(at_s) - at_s
+        return ClockState(offset_s, model.drift_ppm, model.bound_at_s(at_s), None, model.method, None)
     if model is None and fresh is None:
         return None
     if model is None:
@@ -149,12 +161,17 @@ def _moved(
 
 
 def _too_wide(state: ClockState, limits: ClockLimits) -> Finding:
-    measured = f"{duration(state.age_s or 0.0)} after it was measured" if state.off_by_s is None else "as probed now"
+    measured = "as probed now" if state.off_by_s is not None else "by this capture's stamps"
+    if state.off_by_s is None and state.age_s is not None:
+        measured = f"{duration(state.age_s)} after it was measured"
+    again = "`rigcal sync video` again with a board that moves faster and for longer"
+    if state.method == "probe":
+        again = "`rigcal sync probe` again, by cable and without other traffic"
     return Finding(
         "wide bound",
         Colour.RED,
         f"its clock is known to {duration(state.bound_s)} only, {measured}; {duration(limits.error_s)} are needed",
-        "run `rigcal sync probe` again, by cable and without other traffic",
+        f"run {again}",
     )
 
 

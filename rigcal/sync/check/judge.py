@@ -70,7 +70,7 @@ def check_sync(readings: Sequence[CameraReadings], limits: ClockLimits, *, now_s
             *stamp_findings(one.stamps, slips.get(one.camera_id), limits),
             *content_findings(one, content, limits, compared=len(states)),
         ]
-        findings += _whole(error_s, limits, findings)
+        findings += _whole(one, error_s, limits, findings)
         error_m = None if error_s is None else error_s * limits.fastest_motion_m_per_s
         checks.append(CameraCheck(one.camera_id, clock, one.stamps, content, error_s, error_m, tuple(findings)))
     return SyncCheck(tuple(checks), limits)
@@ -87,7 +87,12 @@ def _error_s(readings: CameraReadings, clock: ClockState | None, content: Conten
     return known + stamp_error_s(readings.stamps)
 
 
-def _whole(error_s: float | None, limits: ClockLimits, findings: Sequence[Finding]) -> list[Finding]:
+def _whole(
+    readings: CameraReadings, error_s: float | None, limits: ClockLimits, findings: Sequence[Finding]
+) -> list[Finding]:
+    """What is to be said of the whole, where nothing more exact was said."""
+    if error_s is None and (readings.lag is not None or readings.swapped_with is not None):
+        return []
     if error_s is None:
         return [
             Finding(

@@ -50,5 +50,7 @@ class CameraReadings:
     stamps: StampReading | None = None
     lag: CameraLag | None = None
     """What its pictures say, after the rig file's clocks were applied to the stamps: 0 where all is well."""
+    stamped_s: float | None = None
+    """Time of the capture's last frame by its stamps: when a clock is judged that is not of the epoch of UTC."""
     swapped_with: str | None = None
     """The camera whose pictures these are."""

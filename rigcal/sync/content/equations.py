@@ -41,8 +41,6 @@ class Equations:
     """By how much less the robust right side changes with the clocks than the matrix says."""
     scale_px: float
     """Robust standard deviation of a residual per axis."""
-    seen: Ints
-    """(M,) points of each camera that another one saw too."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,9 +56,7 @@ class Comparison:
     """(M,) random noise of each camera's points per axis."""
 
 
-def form_equations(
-    comparison: Comparison, clocks: Clocks, bias_px: Floats, scale_px: float | None = None
-) -> Equations:
+def form_equations(comparison: Comparison, clocks: Clocks, bias_px: Floats, scale_px: float | None = None) -> Equations:
     """Linearise around clocks and a field of pixels.
 
     Args:
@@ -80,7 +76,7 @@ def form_equations(
     field, placed, scale_px = _place(px[chosen], cameras, bias_px, scale_px)
     rows = [_Rows.of(view, clocks, c, comparison.at_s, chosen, field[:, c]) for c, view in enumerate(views)]
     matrix, right = _accumulate(placed, rows, comparison.noise_px, block)
-    return Equations(matrix, right, _bend(placed.weight), scale_px, (placed.weight > 0).sum(axis=0))
+    return Equations(matrix, right, _bend(placed.weight), scale_px)
 
 
 def _place(

@@ -2,9 +2,8 @@
 
 A least-squares fit of a time offset is biased where the velocity comes from the samples that also give the position:
 their noise is correlated, and the offset is pulled to where interpolation averages noise most, half way between two
-frames (with noise of 3 px and motion of 100 px/s by up to 8 ms). So there are two velocities: the cubic's own
-derivative, and one whose weights are orthogonal to those of the position, which serves as the instrument of the
-regression (instrumental variables: Reiersoel 1945; Sargan, Econometrica 26, 1958).
+frames. So there are two velocities: the cubic's own derivative, and one whose weights are orthogonal to those of the
+position, which serves as the instrument of the regression (instrumental variables: Sargan, Econometrica 26, 1958).
 """
 
 from __future__ import annotations

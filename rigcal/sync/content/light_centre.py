@@ -3,8 +3,8 @@
 Whoever switches a lamp knows nothing of the frames, so every time of switching is as likely as any other, and all
 values of the unknowns that contradict nothing are equally likely: the best guess in the mean square is their mean. It
 is sampled by artificial centring hit-and-run (Kaufman and Smith, Operations Research 46, 1998), whose steps go along
-directions in which earlier samples spread, from the corners that linear programs find. Against the middles of the
-intervals it has a third to three quarters of the error where a dozen changes leave more than a millisecond open.
+directions in which earlier samples spread, from the corners that linear programs find. Beside the middles of the
+intervals its error is a quarter to two thirds where a dozen changes leave several milliseconds open.
 """
 
 from __future__ import annotations

@@ -24,7 +24,8 @@ _LEVEL_FRAMES = 3  # frames that tell the light before a change, and after it
 _SIGMAS = 6.0  # how far a cell must change to count
 _LEAST_TOLERANCE = 0.03  # of the lamp's light: exposure that follows, encoding
 _CODED_GREY = 5.0
-"""Grey levels by which an encoder may misstate a small change: at H.264's crf 28 up to 4 were seen, at 35 up to 8."""
+"""Grey levels by which an encoder may misstate a small change: H.264 at crf 28 put bands of 320 x 180 renders off by
+up to 4. Stronger compression (crf 35: up to 10) shows as changes that contradict each other."""
 _GREATEST_TOLERANCE = 0.45  # a band that is less sure of what is dark and lit says nothing
 _MOST_CLIPPED = 0.01  # share of white pixels above which a cell does not tell how much light there is
 _UNSEEN, _SEEN = 0.05, 0.25  # parts of the greatest change that a flash leaves where rows did not, and did, see it

@@ -12,12 +12,15 @@ from rigcal.rig import Rig
 from rigcal.sync.content.people_pairs import ViewPair
 from rigcal.sync.content.people_search import PairTable, Profile
 from rigcal.sync.content.people_verdict import search_problem
-from rigcal.sync.content.people_views import PeopleView, busiest
+from rigcal.sync.content.people_views import PeopleView, busiest, people_view
+from rigcal.sync.content.tracklets import Tracklet
 
 STEP_S = 0.05
 """Raster of the search. On the shared captures all searches find the right step; 0.033 s does no better."""
 SEARCHED_S = 20.0
 """The busiest stretch of a recording, which the search looks at."""
+_SHARPENED_S = 0.1  # either way: two steps of the search
+_LEAST_STEP_S = 0.008  # frames of 120 fps
 _LEAST_BASELINE_M = 1e-3
 
 
@@ -28,6 +31,8 @@ class Coarse:
     reference: int
     steps: Mapping[int, int]
     """Offset of each view that has people in common with others, in steps; the reference's is 0."""
+    offset_s: Mapping[int, float]
+    """The same to a part of a frame: where most joints fit."""
     profiles: Mapping[int, Profile]
     """Of the same views but the reference."""
     problems: Mapping[int, str]
@@ -50,11 +55,12 @@ def view_pairs(rig: Rig, views: Sequence[PeopleView]) -> dict[tuple[int, int], V
     }
 
 
-def search(rig: Rig, views: Sequence[PeopleView], search_s: float) -> Coarse:
+def search(rig: Rig, seen: Sequence[Sequence[Tracklet]], views: Sequence[PeopleView], search_s: float) -> Coarse:
     """Compare every two views at every lag, and find what explains all of them.
 
     Args:
         rig: the rig.
+        seen: (V,) tracklets of each view.
         views: (V,) its views, on a raster of :data:`STEP_S`.
         search_s: largest lag between two views.
     """
@@ -69,7 +75,29 @@ def search(rig: Rig, views: Sequence[PeopleView], search_s: float) -> Coarse:
     for view, profile in profiles.items():
         problems[view] = search_problem(profile, STEP_S, steps[view] * STEP_S, search_s)
     problems[reference] = "" if profiles else problems[reference]
-    return Coarse(reference, steps, profiles, problems)
+    return Coarse(reference, steps, _sharpened(rig, seen, steps, reference), profiles, problems)
+
+
+def _sharpened(
+    rig: Rig, seen: Sequence[Sequence[Tracklet]], steps: Mapping[int, int], reference: int
+) -> dict[int, float]:
+    """Offsets on a raster as fine as the frames, near those of the search, and the tops of parabolas there."""
+    start_s = {view: step * STEP_S for view, step in steps.items()}
+    if len(steps) < 2:
+        return start_s
+    spacing_s = min(float(np.median(np.diff(tracklet.t_s))) for view in steps for tracklet in seen[view])
+    step_s = max(spacing_s, _LEAST_STEP_S)
+    views = [
+        people_view(mounted, seen[view] if view in steps else (), step_s, start_s.get(view, 0.0))
+        for view, mounted in enumerate(rig.cameras)
+    ]
+    lags = np.arange(-round(_SHARPENED_S / step_s) - 1, round(_SHARPENED_S / step_s) + 2)
+    pairs = view_pairs(rig, busiest(views, SEARCHED_S))
+    table = PairTable({pair: compared.curve(lags) for pair, compared in pairs.items()}, lags)
+    best = table.best(tuple(steps), reference)
+    for view in set(steps) - {reference}:
+        start_s[view] += step_s * table.top(view, best)
+    return start_s
 
 
 def _reference(rig: Rig, table: PairTable, views: int) -> int:

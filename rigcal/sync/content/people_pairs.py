@@ -133,7 +133,7 @@ def _local_mean(distance: Singles, known: np.ndarray[tuple[int, ...], np.dtype[n
     total = _running_sum(np.clip(distance, -limit - 1, limit + 1))
     count = _running_sum(known)
     mean = (total[:, :, end] - total[:, :, start]) / np.maximum(count[:, :, end] - count[:, :, start], 1)
-    return np.clip(mean, -limit, limit)
+    return np.asarray(np.clip(mean, -limit, limit), dtype=np.float32)
 
 
 def _running_sum(values: Singles | np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> Singles:

@@ -69,10 +69,19 @@ class PairTable:
         """
         change = np.arange(-self._reach, self._reach + 1)
         cuts = [self._cut(group, offsets, change) for group in self._groups(view, offsets, reference)]
+        middle, columns = self._reach, np.arange(len(change))
         weakest = np.argmin([lead for _, lead in cuts], axis=0)
-        agreement = np.stack([share for share, _ in cuts])
-        columns = np.arange(len(change))
-        return Profile(change, agreement[weakest, columns], np.stack([lead for _, lead in cuts])[weakest, columns])
+        behind = np.stack([share[middle] - share for share, _ in cuts])[weakest, columns]
+        own = self._cut(frozenset({view}), offsets, change)[0][middle]
+        return Profile(change, own - behind, np.stack([lead for _, lead in cuts])[weakest, columns])
+
+    def top(self, view: int, offsets: Mapping[int, int]) -> float:
+        """The view's offset in parts of a step: the top of the parabola through the best and its neighbours."""
+        tried = offsets[view] + np.arange(-1, 2)
+        others = {other: step for other, step in offsets.items() if other != view}
+        before, best, after = self._toward(view, others, tried)[0]
+        bend = 2 * best - before - after
+        return offsets[view] + (float(np.clip((after - before) / (2 * bend), -0.5, 0.5)) if bend > 0 else 0.0)
 
     def _against(self, pair: tuple[int, int], lag: Ints) -> Floats:
         """Share of a pair that agrees at lags of its first view before its second; the least one where not known."""
@@ -108,7 +117,7 @@ class PairTable:
         """Offsets improved one at a time until none changes."""
         for _ in range(_SWEEPS):
             before = dict(offsets)
-            for view in offsets:
+            for view in tuple(offsets):
                 others = {other: step for other, step in offsets.items() if other != view}
                 tried = np.arange(offsets[view] - self._reach, offsets[view] + self._reach + 1)
                 offsets[view] = int(tried[np.argmax(self._toward(view, others, tried)[0])])
@@ -123,7 +132,7 @@ class PairTable:
     def _groups(self, view: int, offsets: Mapping[int, int], reference: int) -> list[frozenset[int]]:
         """Groups with the view but without the reference."""
         everyone = frozenset(offsets)
-        halves = [side for side in self._halves(offsets)] + [frozenset({v}) for v in everyone]
+        halves = [*self._halves(offsets), *(frozenset({v}) for v in everyone)]
         sides = {side if reference not in side else everyone - side for side in halves}
         return sorted((side for side in sides if view in side), key=sorted)
 

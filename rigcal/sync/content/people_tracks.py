@@ -15,8 +15,8 @@ from rigcal.sync.content.tracklets import Tracklet
 from rigcal.sync.content.tracks import PointTracks
 
 LEAST_NEARNESS = 0.3
-"""Mean nearness over their common time above which two tracklets may be one person; who walks elsewhere is at 0 to 0.2
-nearly always."""
+"""Mean nearness over their common time above which two tracklets may be one person; the best match is joined first, so
+that this decides only about people whom no other view shows."""
 LEAST_COMMON_S = 0.5
 """Common time below which tracklets are not compared."""
 _PART_S = 0.5

@@ -13,9 +13,11 @@ LEAST_AHEAD = 0.05
 cost it: 0.04 at the most on treadmills, where the rival is a whole stride away and exactly as right; 0.07 and more on
 the shared captures."""
 LEAST_LEAD = 3.0
-"""Standard errors by which it must: 0 to 1.6, once 3.0, where one camera saw other people altogether."""
+"""Standard errors by which it must: 0 to 1.6, once 3.0 (then 0.05 ahead), where one simulated camera saw other people
+altogether."""
 LEAST_AGREEMENT = 0.35
-"""Share of the joints that must lie on their epipolar lines at the best offset: 0.46 and more on the shared captures."""
+"""Share of the joints that must lie on their epipolar lines at the best offset: 0.46 and more on the shared
+captures."""
 _STILL = 0.03
 """Spread of the agreement over all offsets that noise alone makes."""
 
@@ -26,7 +28,9 @@ def search_problem(profile: Profile, step_s: float, offset_s: float, search_s: f
     middle = len(profile.change) // 2
     best = profile.agreement[middle]
     if not judged[middle - 1 : middle + 2].all():
-        return f"the best offset, {_ms(offset_s)}, is at the end of what can be compared: {search_s:g} s, or the overlap"
+        return (
+            f"the best offset, {_ms(offset_s)}, is at the end of what can be compared: {search_s:g} s, or the overlap"
+        )
     if best < LEAST_AGREEMENT:
         return (
             f"only {best:.0%} of the joints fit at the best offset: the cameras see different people, "
@@ -45,16 +49,26 @@ def search_problem(profile: Profile, step_s: float, offset_s: float, search_s: f
     return ""
 
 
-def solution_problem(bound_s: float, moved_s: float, spacing_s: float, step_s: float) -> str:
-    """Why the fine solution does not decide a camera's offset; empty where it does."""
-    if moved_s > 2 * step_s:
-        return f"the search and the solution differ by {_ms(moved_s)}"
+def solution_problem(bound_s: float, moved_s: float, spacing_s: float) -> str:
+    """Why the fine solution does not decide a camera's offset; empty where it does.
+
+    Args:
+        bound_s: of the fine solution.
+        moved_s: from where the joints fit best to the fine solution, two ways to tell the offset.
+        spacing_s: time from one frame to the next.
+    """
     if bound_s > spacing_s / 2:
         return f"the motion tells the offset to {_ms(bound_s)} only, half a frame is {_ms(spacing_s / 2)}"
+    if abs(moved_s) > max(bound_s, spacing_s / 2):
+        return f"where most joints fit and where they fit best on average differ by {_ms(abs(moved_s))}"
     return ""
 
 
-def _rival(profile: Profile, far: np.ndarray[tuple[int, ...], np.dtype[np.intp]], lead: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> int:
+def _rival(
+    profile: Profile,
+    far: np.ndarray[tuple[int, ...], np.dtype[np.intp]],
+    lead: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
+) -> int:
     """Index into ``far`` of the offset that fits best of those that do not fall clearly behind."""
     return int(np.argmax(np.where(lead < LEAST_LEAD, profile.agreement[far], -np.inf)))
 

@@ -26,7 +26,8 @@ class PeopleView:
     """
 
     direction: Singles
-    """(3, P, T, 13) unit directions of the compared joints in the rig frame, a row of instants for each of P slots; NaN where not seen."""
+    """(3, P, T, 13) unit directions in the rig frame of the compared joints, a row of instants for each of P slots; NaN
+    where not seen."""
     size_rad: Singles
     """(P, T) how large the person appears; NaN where nobody is in the slot."""
     tracklet: Ints
@@ -39,7 +40,7 @@ class PeopleView:
     @property
     def instants(self) -> int:
         """T, the number of instants."""
-        return self.tracklet.shape[1]
+        return int(self.tracklet.shape[1])
 
     @property
     def people(self) -> Bools:
@@ -55,15 +56,16 @@ class PeopleView:
         return PeopleView(*kept, self.first + start, self.step_s)
 
 
-def people_view(mounted: RigCamera, seen: Sequence[Tracklet], step_s: float) -> PeopleView:
+def people_view(mounted: RigCamera, seen: Sequence[Tracklet], step_s: float, offset_s: float = 0.0) -> PeopleView:
     """Resample the tracklets of a view linearly, between frames that are at most a short gap apart.
 
     Args:
         mounted: the camera.
         seen: its tracklets.
         step_s: raster of time.
+        offset_s: what to add to the camera's stamps first.
     """
-    ends = np.array([(tracklet.t_s[0], tracklet.t_s[-1]) for tracklet in seen]).reshape(-1, 2)
+    ends = offset_s + np.array([(tracklet.t_s[0], tracklet.t_s[-1]) for tracklet in seen]).reshape(-1, 2)
     first = np.ceil(ends[:, 0] / step_s - 1e-6).astype(np.int64)
     end = np.maximum(np.floor(ends[:, 1] / step_s + 1e-6).astype(np.int64) + 1, first)
     slot = slots(first, end)
@@ -73,7 +75,7 @@ def people_view(mounted: RigCamera, seen: Sequence[Tracklet], step_s: float) -> 
     size_rad = np.full((rows, stop - begin), np.nan, dtype=np.float32)
     owner = np.full((rows, stop - begin), -1, dtype=np.int64)
     for index, (tracklet, row) in enumerate(zip(seen, slot, strict=True)):
-        xy = _resampled(mounted, tracklet, np.arange(first[index], end[index]) * step_s)
+        xy = _resampled(mounted, tracklet, np.arange(first[index], end[index]) * step_s - offset_s)
         columns = slice(first[index] - begin, end[index] - begin)
         direction[:, row, columns] = _directions(mounted, xy)
         somebody = np.isfinite(xy).any(axis=(1, 2))

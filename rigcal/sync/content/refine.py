@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rigcal.geometry import Bools, Floats, Ints
+from rigcal.geometry import Bools, Floats
 from rigcal.sync.content.clocks import OFFSET, Clocks
 from rigcal.sync.content.equations import CLOCK, WIDTH, Comparison, Equations, form_equations
 from rigcal.sync.content.search import BLOCK_S
@@ -31,8 +31,6 @@ class Refined:
     """(M, 3) standard deviations of offset, drift and readout; 0 where held."""
     blocks: Floats
     """(M,) blocks of time that carry the information, as if all carried as much."""
-    compared: Ints
-    """(M,) points of the camera that others saw at the same time."""
     scale_px: float
     """Robust standard deviation of the residuals per axis."""
     settled: bool
@@ -80,7 +78,6 @@ def refine(comparison: Comparison, clocks: Clocks, sigma: Floats, *, rounds: int
         state[:, CLOCK:],
         deviation[:, :CLOCK],
         _effective_blocks(equations, count),
-        equations.seen,
         equations.scale_px,
         bool((np.abs(step[:, OFFSET]) <= np.maximum(_SETTLED * deviation[:, OFFSET], _DONE_S)).all()),
     )

@@ -24,6 +24,7 @@ from rigcal.sync.content.seen import SeenPoints, prepare
 from rigcal.sync.content.tracks import PointTracks
 from rigcal.sync.content.verdict import bound_factor, search_problem, solution_problem
 
+_INTERPOLATION_S = 2e-6  # noise-free tracks at 30 fps come out within 1.3 us: what cubics leave of a hand's motion
 _READOUT_SIGMA_S = 0.03  # readouts of rolling shutters: 5 to 33 ms
 
 
@@ -152,7 +153,7 @@ def _lag(seen: SeenPoints, found: Found, refined: Refined, index: int, options: 
     offset_s, drift, readout_s = refined.clocks.values[index]
     sigma = refined.sigma[index]
     factor = bound_factor(refined.blocks[index])
-    bound_s = factor * sigma[OFFSET]
+    bound_s = factor * sigma[OFFSET] + _INTERPOLATION_S
     drift_bound_ppm = factor * sigma[DRIFT] * 1e6
     told = drift_bound_ppm < options.drift_limit_ppm / 2
     known = options.estimate_readout or seen.camera_id in options.readout_s

@@ -50,13 +50,13 @@ class CameraClock:
 
 
 def carried_board(rig: Rig, board: Board, *, seed: int, speed: float = 1.0) -> Motion:
-    """A board carried about the middle of what the cameras see: 0.3 m to all sides, tilted by up to 20 degrees or so.
+    """A board carried about the middle of what the cameras see: up to 0.6 m to all sides, tilted by 30 degrees.
 
     Args:
         rig: Cameras that look at a common volume.
         board: The board.
         seed: Of the motion.
-        speed: 1 is about 0.8 m/s root-mean-square; 0 stands still.
+        speed: 1 is 1 m/s root-mean-square; 0 stands still.
     """
     rng = np.random.default_rng(seed)
     frequencies = np.array(_FREQUENCIES_HZ) * rng.uniform(0.9, 1.1, (6, len(_FREQUENCIES_HZ)))
