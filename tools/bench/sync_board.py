@@ -103,7 +103,7 @@ def films(seeds: Sequence[int]) -> Iterator[Line]:
             start = time.perf_counter()
             tracks = _filmed(rig, clocks, seed)
             search_s += tracks.search_s
-            known = LagOptions(readout_s=dict.fromkeys(clocks, readout_s))
+            known = LagOptions(readout_s=dict.fromkeys(clocks, readout_s), estimate_readout=False)
             given.add(estimate_lags(rig, tracks.tracks, method="board", options=known), clocks)
             if readout_s:
                 lags = estimate_lags(rig, tracks.tracks, method="board", options=LagOptions(estimate_readout=True))

@@ -42,7 +42,6 @@ class Content:
     board: Board | None = None
     detections: Path | None = None
     readout_s: dict[str, float] = field(default_factory=dict)
-    estimate_readout: bool = False
 
 
 def content_of(path: Path, document: RigDocument | None) -> Content:
@@ -103,7 +102,7 @@ def _board(content: Content) -> ContentLags:
 
     if content.rig is None or content.board is None:
         raise OptionError("--by board", expected="a rig file, and a board in it or by --board SPEC", got="none")
-    options = LagOptions(readout_s=content.readout_s, estimate_readout=content.estimate_readout)
+    options = LagOptions(readout_s=content.readout_s)
     with _progress("following the board") as tell:
         return board_lags(content.capture, content.board, content.rig, content.stamps, options=options, progress=tell)
 

@@ -32,11 +32,8 @@ def video(
     ] = None,
     readout: Annotated[
         list[str] | None,
-        typer.Option(metavar="MS", help="Readout time of rolling shutters: 20ms, or CAMERA=20ms; repeatable."),
+        typer.Option(metavar="MS", help="Readout time, where known: 20ms, CAMERA=20ms, 0ms for a global shutter; repeatable."),
     ] = None,
-    estimate_readout: Annotated[
-        bool, typer.Option("--estimate-readout", help="Estimate the readout time of every camera (board only).")
-    ] = False,
     timestamps: Annotated[
         bool, typer.Option("--timestamps", help="Videos without stamps: write their times as CAPTURE/timestamps.csv.")
     ] = False,
@@ -62,7 +59,6 @@ def video(
             board=board_of_rig(board, document) if board or by is By.BOARD else content.board,
             detections=detections,
             readout_s=readouts(readout, document.camera_ids),
-            estimate_readout=estimate_readout,
         )
     lags = compare(content, by)
     written, path = None, output or rig

@@ -52,6 +52,8 @@ class Comparison:
     """(K,) rig times, ascending."""
     block: Ints
     """(K,) block of each, ascending from 0."""
+    block_s: float
+    """Length of a block."""
     noise_px: Floats
     """(M,) random noise of each camera's points per axis."""
 

@@ -17,6 +17,8 @@ _MOST_VIEWS = 100_000  # cameras times times times points: a third of a second a
 _DONE_S = 1e-6
 _SCALED = 4  # rounds after which the scale of the loss is kept, so that weights come to rest
 _SETTLED = 0.1  # of a sigma: the last step of robust weights that go to and fro
+_SHORT_BLOCKS = 6  # of a recording of a few seconds; with fewer, bounds are several times too wide
+_SHORTEST_BLOCK_S = 1 / 3  # with errors that last as long, and calibrations off by 2 px: bounds still twice too wide
 _BIAS_SIGMA_PX = 3.0  # a calibration that is further off is none
 
 
@@ -31,6 +33,8 @@ class Refined:
     """(M, 3) standard deviations of offset, drift and readout; 0 where held."""
     blocks: Floats
     """(M,) blocks of time that carry the information, as if all carried as much."""
+    block_s: float
+    """Length of a block."""
     scale_px: float
     """Robust standard deviation of the residuals per axis."""
     settled: bool
@@ -45,8 +49,9 @@ def compare(cameras: Sequence[SeenPoints], clocks: Clocks) -> Comparison:
     points = cameras[0].px.shape[1]
     stride = max(1, -(-len(ticks) * points * len(cameras) // _MOST_VIEWS))
     at_s = ticks[::stride] * spacing_s
-    _, block = np.unique(at_s // BLOCK_S, return_inverse=True)
-    return Comparison(cameras, at_s, block, np.array([noise_px(seen) for seen in cameras]))
+    block_s = float(np.clip(np.ptp(at_s) / _SHORT_BLOCKS, _SHORTEST_BLOCK_S, BLOCK_S)) if len(at_s) else BLOCK_S
+    _, block = np.unique(at_s // block_s, return_inverse=True)
+    return Comparison(cameras, at_s, block, block_s, np.array([noise_px(seen) for seen in cameras]))
 
 
 def refine(comparison: Comparison, clocks: Clocks, sigma: Floats, *, rounds: int = 15) -> Refined:
@@ -78,6 +83,7 @@ def refine(comparison: Comparison, clocks: Clocks, sigma: Floats, *, rounds: int
         state[:, CLOCK:],
         deviation[:, :CLOCK],
         _effective_blocks(equations, count),
+        comparison.block_s,
         equations.scale_px,
         bool((np.abs(step[:, OFFSET]) <= np.maximum(_SETTLED * deviation[:, OFFSET], _DONE_S)).all()),
     )

@@ -10,8 +10,10 @@ from rigcal.sync.content.seen import SeenPoints, noise_px
 
 CLEAR_LEAD = 4.0
 """Standard errors by which the best offset must lead before its rival."""
-LEAST_BLOCKS = 4.0
-"""Seconds of motion below which the scatter between them says too little."""
+LEAST_BLOCKS = 3.0
+"""Blocks of motion below which the scatter between them says too little."""
+LEAST_MOTION_S = 1.2
+"""Motion below which a hand has not turned often enough to tell a clock from a calibration that is off."""
 _FLAT = 0.9  # of the median cost: the best offset of a still board, or of motion along the lines
 _ALIKE, _UNCLEAR = 0.25, 0.5  # of the way from the best cost to the median one
 _LEAST_MOTION_PX = 1.0
@@ -41,10 +43,11 @@ def search_problem(found: Found | None, seen: SeenPoints, search_s: float) -> st
     return ""
 
 
-def solution_problem(bound_s: float, blocks: float, spacing_s: float, *, settled: bool) -> str:
+def solution_problem(bound_s: float, blocks: float, block_s: float, spacing_s: float, *, settled: bool) -> str:
     """Why the solution does not decide; empty where it does."""
-    if blocks < LEAST_BLOCKS:
-        return f"too little motion: it all lies within {blocks:.1f} s, at least {LEAST_BLOCKS:g} s are needed"
+    least_s = max(LEAST_BLOCKS * block_s, LEAST_MOTION_S)
+    if blocks * block_s < least_s:
+        return f"too little motion: it all lies within {blocks * block_s:.1f} s, at least {least_s:.1f} s are needed"
     if not settled:
         return "the solution does not come to rest: the tracks contradict one another, or the rig"
     if bound_s > spacing_s / 2:
