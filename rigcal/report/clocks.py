@@ -19,10 +19,10 @@ from rigcal.report import numbers, words
 from rigcal.report.clocks_axes import TimeAxis, time_axis
 from rigcal.report.clocks_figures import Marks, OffsetFigure, RateFigure, marks_of, offset_figure, rate_figure
 from rigcal.sync.check.findings import Colour, worst
-from rigcal.sync.history import CameraHistory, OffsetSeries, SyncHistory
-from rigcal.sync.history_remarks import moment
-from rigcal.sync.judged import colour_of
-from rigcal.sync.minutes import Minute, minutes_of
+from rigcal.sync.history.judged import colour_of
+from rigcal.sync.history.minutes import Minute, minutes_of
+from rigcal.sync.history.remarks import moment
+from rigcal.sync.history.series import CameraHistory, OffsetSeries, SyncHistory
 
 PARTS = 60
 """Stretches of a recording whose figures are told when one points at them, and that the tables list, at the most."""

@@ -15,7 +15,7 @@ import numpy as np
 from rigcal.geometry import Floats, Ints
 from rigcal.report.clocks_axes import HEIGHT, WIDTH, Label, TimeAxis, ValueAxis, value_axis
 from rigcal.report.svgpath import dots, polygon, polyline, short
-from rigcal.sync.history import CameraHistory, OffsetSeries, SyncHistory
+from rigcal.sync.history.series import CameraHistory, OffsetSeries, SyncHistory
 
 RATE_WINDOW_S = 1.0
 """Over which the frame rate is counted; shorter in recordings of less than four seconds."""

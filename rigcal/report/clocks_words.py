@@ -8,9 +8,9 @@ from datetime import UTC, datetime
 from rigcal.report.numbers import beside_limit, scaled, significant
 from rigcal.report.words import counted, listed
 from rigcal.sync.check.findings import Colour
-from rigcal.sync.history import CameraHistory, Method, SyncHistory
-from rigcal.sync.judged import colour_of
-from rigcal.sync.minutes import Minute
+from rigcal.sync.history.judged import colour_of
+from rigcal.sync.history.minutes import Minute
+from rigcal.sync.history.series import CameraHistory, Method, SyncHistory
 
 SOURCES: Mapping[Method, str] = {"probe": "probes of its host", "video": "a comparison of pictures"}
 _UNITS = ((3600.0, "hour"), (60.0, "minute"), (1.0, "second"))

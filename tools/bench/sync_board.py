@@ -23,9 +23,9 @@ from rigcal.captures import open_capture
 from rigcal.geometry import Floats
 from rigcal.rig import Rig
 from rigcal.stamps import frame_stamps
-from rigcal.sync.content.board import FrameBudget, board_tracks
+from rigcal.sync.content.board.follow import FrameBudget, board_tracks
 from rigcal.sync.content.lags import ContentLags
-from rigcal.sync.content.solve import LagOptions, estimate_lags
+from rigcal.sync.content.points.solve import LagOptions, estimate_lags
 from rigcal.sync.content.synthetic import CameraClock, carried_board, exact_tracks, with_noise
 from rigcal.sync.content.synthetic_video import Shutter, write_capture
 from rigcal.sync.content.tracks import PointTracks

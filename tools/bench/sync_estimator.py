@@ -19,9 +19,8 @@ from scipy.optimize import linprog
 
 from rigcal.geometry import Floats
 from rigcal.rig import ClockModel
-from rigcal.sync.estimate import estimate_clock
-from rigcal.sync.exchanges import Exchanges
-from rigcal.sync.networks import (
+from rigcal.sync.estimator.estimate import estimate_clock
+from rigcal.sync.estimator.networks import (
     LAN,
     NETWORKS,
     START_NS,
@@ -33,7 +32,8 @@ from rigcal.sync.networks import (
     simulate_exchanges,
     true_clock,
 )
-from rigcal.sync.track import track_clock
+from rigcal.sync.estimator.track import track_clock
+from rigcal.sync.exchanges import Exchanges
 
 Line = Mapping[str, Any]
 _MOST_DRIFT = 300e-6

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigcal.geometry import Floats
-from rigcal.sync.content.brightness import brightness_of_frames
 from rigcal.sync.content.lags import CameraLag
-from rigcal.sync.content.light import LightOptions, light_lags
+from rigcal.sync.content.light.brightness import brightness_of_frames
+from rigcal.sync.content.light.lags import LightOptions, light_lags
 
 WIDTH, HEIGHT, FPS = 320, 180, 30.0
 _BAR_S = 0.002

@@ -25,8 +25,8 @@ from rigcal.formats import import_rig
 from rigcal.geometry import Floats, Pose
 from rigcal.rig import Rig, RigCamera
 from rigcal.rigfile import rig_of
-from rigcal.sync.content.keypoints import Keypoints, read_keypoints
-from rigcal.sync.content.people import people_lags
+from rigcal.sync.content.people.keypoints import Keypoints, read_keypoints
+from rigcal.sync.content.people.lags import people_lags
 
 Line = Mapping[str, Any]
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "recognition"

@@ -98,7 +98,7 @@ def decides(lags: ContentLags) -> bool:
 def _board(content: Content) -> ContentLags:
     from rigcal.errors import OptionError
     from rigcal.sync.content.board import board_lags
-    from rigcal.sync.content.solve import LagOptions
+    from rigcal.sync.content.points.solve import LagOptions
 
     if content.rig is None or content.board is None:
         raise OptionError("--by board", expected="a rig file, and a board in it or by --board SPEC", got="none")
@@ -111,7 +111,7 @@ def compare_board(content: Content) -> tuple[ContentLags | None, dict[str, str]]
     """The lags by the board, of cameras that hold their own pictures; and whose pictures the others hold."""
     from rigcal.errors import OptionError
     from rigcal.sync.content.board import board_tracks
-    from rigcal.sync.content.solve import estimate_lags
+    from rigcal.sync.content.points.solve import estimate_lags
     from rigcal.sync.content.swaps import swapped_cameras
 
     if content.rig is None or content.board is None:
@@ -129,8 +129,7 @@ def _people(content: Content) -> ContentLags:
 
     from rigcal.errors import OptionError
     from rigcal.instants import find_instants
-    from rigcal.sync.content.keypoints import read_keypoints
-    from rigcal.sync.content.people import people_lags
+    from rigcal.sync.content.people import people_lags, read_keypoints
 
     if content.rig is None or content.detections is None:
         raise OptionError("--by people", expected="--rig RIG and --detections FILE.npz", got="not both")
@@ -147,8 +146,7 @@ def _people(content: Content) -> ContentLags:
 
 
 def _light(content: Content) -> ContentLags:
-    from rigcal.sync.content.brightness import measure_brightness
-    from rigcal.sync.content.light import LightOptions, light_lags
+    from rigcal.sync.content.light import LightOptions, light_lags, measure_brightness
 
     with _progress("looking at the light") as tell:
         series = measure_brightness(content.capture, content.stamps, progress=tell)

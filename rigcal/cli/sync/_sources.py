@@ -41,7 +41,7 @@ def watched(urls: dict[str, str], site: Site | None, seconds: float) -> dict[str
     """The stamps of live sources."""
     from rigcal.pace import judge_pace
     from rigcal.sync.check import StampReading
-    from rigcal.sync.live import watch_sources
+    from rigcal.sync.live.watch import watch_sources
 
     with progress_bar("watching the sources") as bar:
         task = bar.add_task("", total=None)

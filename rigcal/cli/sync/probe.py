@@ -23,7 +23,7 @@ from rigcal.cli.sync._app import (
 if TYPE_CHECKING:
     from rigcal.rigdocument import RigDocument
     from rigcal.site import Site
-    from rigcal.sync.estimate import HostClock
+    from rigcal.sync.estimator.estimate import HostClock
     from rigcal.sync.exchanges import Exchanges
     from rigcal.sync.network import HostProbe, Target
     from rigcal.sync.record import CameraClock
@@ -129,7 +129,7 @@ def probe_hosts(targets: tuple[Target, ...], seconds: float, rate: float, log: P
 
 
 def _joined(rounds: tuple[HostProbe, ...]) -> Probed:
-    from rigcal.sync.estimate import estimate_clock
+    from rigcal.sync.estimator.estimate import estimate_clock
     from rigcal.sync.exchanges import Exchanges
 
     exchanges = Exchanges.joined([one.exchanges for one in rounds])

@@ -12,7 +12,7 @@ from rigcal.cli.sync._app import progress_bar, sync_app
 
 if TYPE_CHECKING:
     from rigcal.site import Site
-    from rigcal.sync.history import SyncHistory
+    from rigcal.sync.history.series import SyncHistory
 
 
 @sync_app.command()
@@ -39,8 +39,8 @@ def report(
     from rigcal.report.clocks import sync_report
     from rigcal.rigfile import write_atomically
     from rigcal.sync.check import Colour, worst
-    from rigcal.sync.judged import colour_of
-    from rigcal.sync.minutes import summary_per_minute
+    from rigcal.sync.history.judged import colour_of
+    from rigcal.sync.history.minutes import summary_per_minute
 
     history = _history(recorded, rig, site_of(site), log, content)
     path = output or recorded.with_name(f"{recorded.stem if recorded.is_file() else recorded.name}.sync.html")
@@ -58,7 +58,7 @@ def report(
 def _history(recorded: Path, rig: Path | None, site: Site | None, log: Path | None, content: bool) -> SyncHistory:
     from rigcal.cli.sync._content import By, compare, content_of
     from rigcal.rigfile import read_rigfile
-    from rigcal.sync.histories import history_of_capture, history_of_recording
+    from rigcal.sync.history.build import history_of_capture, history_of_recording
     from rigcal.sync.log import probe_log_beside, read_exchanges
     from rigcal.sync.recording import read_recording
 

@@ -32,7 +32,9 @@ def video(
     ] = None,
     readout: Annotated[
         list[str] | None,
-        typer.Option(metavar="MS", help="Readout time, where known: 20ms, CAMERA=20ms, 0ms for a global shutter; repeatable."),
+        typer.Option(
+            metavar="MS", help="Readout time where known: 20ms or CAMERA=20ms; 0ms: global shutter. Repeatable."
+        ),
     ] = None,
     timestamps: Annotated[
         bool, typer.Option("--timestamps", help="Videos without stamps: write their times as CAPTURE/timestamps.csv.")

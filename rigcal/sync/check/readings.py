@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from rigcal.pace import Pace
 from rigcal.rig import ClockModel
 from rigcal.sync.content.lags import CameraLag
-from rigcal.sync.estimate import HostClock
+from rigcal.sync.estimator.estimate import HostClock
 from rigcal.sync.record import Latency
 
 

@@ -22,7 +22,7 @@ from rigcal.captures import Capture, CaptureCamera, read_frames
 from rigcal.geometry import Bools, Floats, Ints, freeze
 from rigcal.stamps import FrameStamps
 from rigcal.sync.content.lags import CameraLag, ContentLags
-from rigcal.sync.content.light import check_cameras
+from rigcal.sync.content.light.lags import check_cameras
 
 _SIDE_PX = 180  # the shorter side of the pictures that are compared
 _DARK_GREY = 0.05  # keeps the logarithm of a still picture finite

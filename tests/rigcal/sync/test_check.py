@@ -10,8 +10,8 @@ from rigcal.rig import ClockModel
 from rigcal.sync.check import CameraReadings, Colour, HostReading, StampReading, check_sync
 from rigcal.sync.check.findings import duration
 from rigcal.sync.content.lags import CameraLag
-from rigcal.sync.estimate import estimate_clock
-from rigcal.sync.networks import LAN, HostOscillator, Setting, simulate_exchanges
+from rigcal.sync.estimator.estimate import estimate_clock
+from rigcal.sync.estimator.networks import LAN, HostOscillator, Setting, simulate_exchanges
 from rigcal.sync.record import ClockLimits, Latency, utc_of
 
 LIMITS = ClockLimits(2.0, 0.02)

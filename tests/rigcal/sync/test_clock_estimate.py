@@ -5,9 +5,8 @@ import pytest
 from scipy.optimize import linprog
 
 from rigcal.errors import NoExchangesError, OptionError, SyncError
-from rigcal.sync.estimate import EstimateOptions, estimate_clock
-from rigcal.sync.exchanges import Exchanges
-from rigcal.sync.networks import (
+from rigcal.sync.estimator.estimate import EstimateOptions, estimate_clock
+from rigcal.sync.estimator.networks import (
     LAN,
     NETWORKS,
     START_NS,
@@ -20,6 +19,7 @@ from rigcal.sync.networks import (
     simulate_exchanges,
     true_clock,
 )
+from rigcal.sync.exchanges import Exchanges
 
 EACH_NETWORK = pytest.mark.parametrize("network", NETWORKS, ids=lambda network: network.name)
 DOUBLE_S = 1e-6

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
+from rigcal.sync.estimator.hull import MOST_DRIFT_PPM, bounding_lines, least_wander_ppm, some_line, upper_hull
+from rigcal.sync.estimator.networks import LAN, NETWORKS, WIFI, HostOscillator, Setting, simulate_exchanges
+from rigcal.sync.estimator.polygon import centroid, clip
 from rigcal.sync.exchanges import Exchanges
-from rigcal.sync.hull import MOST_DRIFT_PPM, bounding_lines, least_wander_ppm, some_line, upper_hull
-from rigcal.sync.networks import LAN, NETWORKS, WIFI, HostOscillator, Setting, simulate_exchanges
-from rigcal.sync.polygon import centroid, clip
 
 EACH_NETWORK = pytest.mark.parametrize("network", NETWORKS, ids=lambda network: network.name)
 

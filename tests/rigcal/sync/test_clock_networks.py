@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from rigcal.sync.exchanges import UNKNOWN
-from rigcal.sync.networks import (
+from rigcal.sync.estimator.networks import (
     LAN,
     NETWORKS,
     START_NS,
@@ -15,6 +14,7 @@ from rigcal.sync.networks import (
     simulate_exchanges,
     true_clock,
 )
+from rigcal.sync.exchanges import UNKNOWN
 
 EMPTY = Network("empty", Queue(0.0), Queue(0.0), base_out_s=1e-3, base_back_s=3e-3)
 

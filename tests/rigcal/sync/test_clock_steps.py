@@ -3,8 +3,17 @@
 import numpy as np
 import pytest
 
-from rigcal.sync.networks import BUSY, LAN, NETWORKS, START_NS, WIFI, HostOscillator, Setting, simulate_exchanges
-from rigcal.sync.steps import split_at_steps
+from rigcal.sync.estimator.networks import (
+    BUSY,
+    LAN,
+    NETWORKS,
+    START_NS,
+    WIFI,
+    HostOscillator,
+    Setting,
+    simulate_exchanges,
+)
+from rigcal.sync.estimator.steps import split_at_steps
 
 EACH_NETWORK = pytest.mark.parametrize("network", NETWORKS, ids=lambda network: network.name)
 

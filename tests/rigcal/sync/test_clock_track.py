@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 
 from rigcal.errors import NoExchangesError
-from rigcal.sync.networks import LAN, NETWORKS, START_NS, HostOscillator, Setting, simulate_exchanges, true_clock
-from rigcal.sync.track import track_clock
+from rigcal.sync.estimator.networks import (
+    LAN,
+    NETWORKS,
+    START_NS,
+    HostOscillator,
+    Setting,
+    simulate_exchanges,
+    true_clock,
+)
+from rigcal.sync.estimator.track import track_clock
 
 EACH_NETWORK = pytest.mark.parametrize("network", NETWORKS, ids=lambda network: network.name)
 DOUBLE_S = 1e-6

@@ -11,9 +11,9 @@ from rigcal.errors import ImageSizeError, OptionError, RigCaptureError, TracksEr
 from rigcal.order import corner_orders
 from rigcal.rig import Rig
 from rigcal.stamps import FrameStamps, frame_stamps
-from rigcal.sync.content.board import FrameBudget, board_lags, board_tracks
-from rigcal.sync.content.board_orders import CameraBoards, in_one_order, middles
-from rigcal.sync.content.board_windows import looking_runs, moving_windows
+from rigcal.sync.content.board.follow import FrameBudget, board_lags, board_tracks
+from rigcal.sync.content.board.orders import CameraBoards, in_one_order, middles
+from rigcal.sync.content.board.windows import looking_runs, moving_windows
 from rigcal.sync.content.synthetic import CameraClock, carried_board, exact_tracks
 from rigcal.sync.content.synthetic_video import Shutter, write_capture
 from rigcal.synthetic import arc_rig

@@ -13,10 +13,10 @@ from rigcal.captures import open_capture
 from rigcal.errors import ComparisonError, OptionError
 from rigcal.geometry import Floats
 from rigcal.stamps import frame_stamps
-from rigcal.sync.content.brightness import BrightnessSeries, measure_brightness
 from rigcal.sync.content.lags import CameraLag
-from rigcal.sync.content.light import LightOptions, light_lags, stamp_jitter_s
-from rigcal.sync.content.light_changes import find_changes
+from rigcal.sync.content.light.brightness import BrightnessSeries, measure_brightness
+from rigcal.sync.content.light.changes import find_changes
+from rigcal.sync.content.light.lags import LightOptions, light_lags, stamp_jitter_s
 
 SHARED = Path(__file__).resolve().parents[3].parent / "shared" / "data"
 BANDS, COLUMNS, HEIGHT = 32, 8, 1080

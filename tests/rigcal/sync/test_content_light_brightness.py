@@ -10,7 +10,13 @@ import pytest
 
 from rigcal.captures import open_capture
 from rigcal.stamps import FrameStamps
-from rigcal.sync.content.brightness import BANDS, COLUMNS, BrightnessSeries, brightness_of_frames, measure_brightness
+from rigcal.sync.content.light.brightness import (
+    BANDS,
+    COLUMNS,
+    BrightnessSeries,
+    brightness_of_frames,
+    measure_brightness,
+)
 
 
 def capture_of(folder: Path, *, frames: int = 3) -> Path:

@@ -9,11 +9,11 @@ from recognition.synthetic import semicircle_rig, simulate, walking
 from rigcal.errors import OptionError
 from rigcal.formats import import_rig
 from rigcal.rigfile import rig_of
-from rigcal.sync.content.keypoints import Keypoints, read_keypoints
-from rigcal.sync.content.people import PeopleOptions, people_lags
-from rigcal.sync.content.people_search import Profile
-from rigcal.sync.content.people_verdict import search_problem, solution_problem
-from rigcal.sync.content.tracklets import tracklets
+from rigcal.sync.content.people.keypoints import Keypoints, read_keypoints
+from rigcal.sync.content.people.lags import PeopleOptions, people_lags
+from rigcal.sync.content.people.search import Profile
+from rigcal.sync.content.people.tracklets import tracklets
+from rigcal.sync.content.people.verdict import search_problem, solution_problem
 
 DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "recognition" / "pose2sim_multi"
 FPS, FINER = 30.0, 16

@@ -7,7 +7,7 @@ import pytest
 
 from recognition.synthetic import semicircle_rig
 from rigcal.errors import KeypointsFileError
-from rigcal.sync.content.keypoints import read_keypoints
+from rigcal.sync.content.people.keypoints import read_keypoints
 
 RIG = semicircle_rig(2)
 

@@ -8,9 +8,9 @@ import pytest
 from rigcal.board import Checkerboard
 from rigcal.errors import OptionError, TracksError
 from rigcal.geometry import Pose
-from rigcal.sync.content.interpolate import interpolate
-from rigcal.sync.content.seen import prepare
-from rigcal.sync.content.solve import LagOptions, estimate_lags
+from rigcal.sync.content.points.interpolate import interpolate
+from rigcal.sync.content.points.seen import prepare
+from rigcal.sync.content.points.solve import LagOptions, estimate_lags
 from rigcal.sync.content.synthetic import CameraClock, carried_board, exact_tracks, with_noise
 from rigcal.sync.content.tracks import PointTracks
 from rigcal.synthetic import arc_rig

@@ -17,9 +17,9 @@ import pytest
 
 from rigcal.errors import OptionError
 from rigcal.pace import judge_pace
-from rigcal.sync.live import watch_sources
-from rigcal.sync.live_clock import came_when_sent, producer_stamps
-from rigcal.sync.live_words import shown_address
+from rigcal.sync.live.clock import came_when_sent, producer_stamps
+from rigcal.sync.live.watch import watch_sources
+from rigcal.sync.live.words import shown_address
 
 NTP_EPOCH_S = 2_208_988_800
 EXPOSED_S = 1_764_000_000.25

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from rigcal.sync.estimate import estimate_clock
+from rigcal.sync.estimator.estimate import estimate_clock
 from rigcal.sync.network import NoTracking, Target, Tracking, parse_tracking, probe, read_tracking, tai_confusion
 from rigcal.sync.network import chrony as chrony_module
 

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from rigcal.sync.estimate import estimate_clock
+from rigcal.sync.estimator.estimate import estimate_clock
 from rigcal.sync.exchanges import Exchanges
 from rigcal.sync.network import RIGCAL_PORT, SimulatedClock, Target, probe, serve
 

@@ -19,10 +19,10 @@ from rigcal.site import Site
 from rigcal.sync.check.findings import Colour
 from rigcal.sync.content.lags import CameraLag, ContentLags
 from rigcal.sync.exchanges import Exchanges
-from rigcal.sync.histories import history_of_capture, history_of_recording
-from rigcal.sync.judged import colour_of
+from rigcal.sync.history.build import history_of_capture, history_of_recording
+from rigcal.sync.history.judged import colour_of
+from rigcal.sync.history.minutes import minutes_of, summary_per_minute
 from rigcal.sync.log import PROBE_LOG, append_exchanges, read_exchanges
-from rigcal.sync.minutes import minutes_of, summary_per_minute
 from rigcal.sync.recording import read_recording
 
 START_S = 1_776_000_010.0  # 2026-04-12T13:20:10Z

@@ -10,7 +10,7 @@ import pytest
 from rigcal.report.clocks import sync_report
 from rigcal.report.clocks_axes import time_axis, value_axis
 from rigcal.report.clocks_figures import offset_figure, rate_figure
-from rigcal.sync.history import CameraHistory, OffsetSeries, SyncHistory
+from rigcal.sync.history.series import CameraHistory, OffsetSeries, SyncHistory
 
 START_S = 1_776_000_000.0  # 2026-04-12T13:20:00Z
 VOID = {"meta", "br", "link", "img", "input"}

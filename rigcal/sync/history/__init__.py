@@ -1,0 +1,1 @@
+"""How clocks and frames held through a recording: what the page of ``rigcal sync report`` shows."""

@@ -1,0 +1,1 @@
+"""Live sources, watched for the stamps of their frames."""
