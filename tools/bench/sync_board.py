@@ -105,16 +105,14 @@ def films(seeds: Sequence[int]) -> Iterator[Line]:
             search_s += tracks.search_s
             known = LagOptions(readout_s=dict.fromkeys(clocks, readout_s), estimate_readout=False)
             given.add(estimate_lags(rig, tracks.tracks, method="board", options=known), clocks)
-            if readout_s:
-                lags = estimate_lags(rig, tracks.tracks, method="board", options=LagOptions(estimate_readout=True))
-                estimated.add(lags, clocks)
-                readout_ms += [1e3 * ((lag.readout_s or 0.0) - readout_s) for lag in lags.cameras]
+            lags = estimate_lags(rig, tracks.tracks, method="board")
+            estimated.add(lags, clocks)
+            readout_ms += [1e3 * ((lag.readout_s or 0.0) - readout_s) for lag in lags.cameras]
             whole_s = time.perf_counter() - start
         bar_ms = 0.5 if readout_s else 0.05
-        yield given.line(f"film.{shutter}", bar_ms) | {"search_s": search_s / len(seeds), "last_run_s": whole_s}
-        if readout_s:
-            readout_rms_ms = float(np.sqrt(np.mean(np.square(readout_ms))))
-            yield estimated.line("film.rolling.estimated", bar_ms) | {"readout_rms_ms": readout_rms_ms}
+        yield given.line(f"film.{shutter}.given", bar_ms) | {"search_s": search_s / len(seeds), "last_run_s": whole_s}
+        readout_rms_ms = float(np.sqrt(np.mean(np.square(readout_ms))))
+        yield estimated.line(f"film.{shutter}.estimated", bar_ms) | {"readout_rms_ms": readout_rms_ms}
 
 
 @dataclass(frozen=True, slots=True)

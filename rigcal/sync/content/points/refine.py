@@ -54,7 +54,7 @@ def compare(cameras: Sequence[SeenPoints], clocks: Clocks) -> Comparison:
     return Comparison(cameras, at_s, block, block_s, np.array([noise_px(seen) for seen in cameras]))
 
 
-def refine(comparison: Comparison, clocks: Clocks, sigma: Floats, *, rounds: int = 15) -> Refined:
+def refine(comparison: Comparison, clocks: Clocks, sigma: Floats, *, rounds: int = 25) -> Refined:
     """Solve for clocks and fields of pixels together.
 
     Args:
@@ -70,7 +70,10 @@ def refine(comparison: Comparison, clocks: Clocks, sigma: Floats, *, rounds: int
     for turn in range(rounds):
         equations = _equations(comparison, clocks, state, scale_px)
         scale_px = equations.scale_px if turn >= _SCALED else None
+        before = step
         step = _step(equations, prior, free, (start - state).ravel(), sigma[:, OFFSET].max()).reshape(count, WIDTH)
+        if (step * before).sum() < 0:  # robust weights that go to and fro between two states: meet in the middle
+            step = step / 2
         state += step
         if np.abs(step[:, OFFSET]).max() < _DONE_S:
             break
