@@ -279,6 +279,29 @@ def test_the_caliscope_capture(tmp_path):
     found = [np.linalg.norm(centres[i] - centres[j]) for i in range(4) for j in range(i + 1, 4)]
     expected = [1.132, 0.550, 0.426, 0.918, 1.433, 0.626]  # camera_array.toml of the capture
     assert np.abs(np.array(found) / expected - 1).max() <= 0.03
+    apart = [camera["rmse_px"]["refined"] for camera in done.json["cameras"]]
+
+    clocked = tmp_path / "clocks.rig.json"
+    told = command("rigcal", "sync", "video", capture, "--rig", tmp_path / "c.rig.json", "-o", clocked, "--json")
+    decided = [camera["id"] for camera in told.json["cameras"] if camera["confident"]]
+    assert decided == ["cam_0", "cam_1", "cam_2"]  # cam_3 saw the board move for 2.8 s only
+    again = command(
+        *(
+            "rigcal",
+            "calibrate",
+            capture,
+            "--board",
+            board,
+            "--clocks",
+            clocked,
+            "-o",
+            tmp_path / "d.rig.json",
+            "--json",
+        )
+    )
+    together = [camera["rmse_px"]["refined"] for camera in again.json["cameras"]]
+    assert all(new < 0.75 * old for new, old in zip(together, apart, strict=True))  # measured: 0.20-0.55
+    assert read_rigfile(tmp_path / "d.rig.json").cameras[1].clock.method == "video"
 
 
 @real

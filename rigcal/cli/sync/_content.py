@@ -76,18 +76,22 @@ def stamps_of(capture: Capture, rig: Rig | None) -> FrameStamps:
 
 
 def compare(content: Content, by: By) -> ContentLags:
-    """The lags by one method; ``auto`` takes joints where they are given, else the board, a light, the motion."""
-    if by is By.PEOPLE or (by is By.AUTO and content.detections is not None):
+    """The lags by one method; ``auto`` takes joints where they are given, else the board, else a light, else motion."""
+    if by is By.AUTO:
+        return _best(content)
+    return {By.BOARD: _board, By.PEOPLE: _people, By.LIGHT: _light, By.MOTION: _motion}[by](content)
+
+
+def _best(content: Content) -> ContentLags:
+    if content.detections is not None:
         return _people(content)
-    if by is By.BOARD or (by is By.AUTO and content.rig is not None and content.board is not None):
-        lags = _board(content)
-        if by is By.BOARD or decides(lags):
-            return lags
-        light = _light(content)
-        return light if decides(light) else lags
-    if by is By.LIGHT or (by is By.AUTO and decides(light := _light(content))):
-        return _light(content) if by is By.LIGHT else light
-    return _motion(content)
+    board = _board(content) if content.rig is not None and content.board is not None else None
+    if board is not None and decides(board):
+        return board
+    light = _light(content)
+    if decides(light):
+        return light
+    return board or _motion(content)
 
 
 def decides(lags: ContentLags) -> bool:

@@ -54,7 +54,7 @@ def probe(
     rig: RigOption,
     site: SiteOption = None,
     seconds: Annotated[float, typer.Option("--seconds", help="How long to probe; the drift needs minutes.")] = 20.0,
-    rate: Annotated[float, typer.Option("--rate", help="Probes per second to each host.")] = 8.0,
+    rate: Annotated[float, typer.Option("--rate", help="Probes per second to each host.")] = 10.0,
     log: Annotated[
         Path | None,
         typer.Option("--log", metavar="FILE.csv", help="Also append every probe here, for `rigcal sync report`."),

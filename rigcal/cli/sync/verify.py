@@ -108,7 +108,7 @@ def _hosts(document: RigDocument, site: Site | None, seconds: float) -> dict[str
             confusion_of(one),
             one.probe.claimed_error_s,
         )
-        for one in probe_hosts(targets, seconds, 8.0, None)
+        for one in probe_hosts(targets, seconds, 10.0, None)
         for camera_id in one.probe.target.camera_ids
     }
 

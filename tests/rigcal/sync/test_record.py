@@ -21,6 +21,7 @@ from rigcal.sync.record import (
     model_of,
     utc_of,
     with_clocks,
+    with_clocks_of,
 )
 from rigcal.synthetic import arc_rig
 
@@ -136,6 +137,15 @@ def test_without_any_clock_rig_time_is_declared_to_be_the_reference_cameras(docu
 def test_cameras_that_content_does_not_decide_keep_their_clock(document):
     clocks = clocks_of_content(lags_of(lag("cam0", 0.0), lag("cam1", 0.3, confident=False)), document)
     assert [clock.camera_id for clock in clocks] == ["cam0"]
+
+
+def test_a_calibration_by_clocks_carries_them_over_without_a_history_of_its_own(document):
+    clocked = recorded(document, HOST, evidence={"host": "10.0.0.5"})
+    fresh = with_clocks_of(document, clocked, LIMITS)
+    assert model_of(fresh, "cam1") == HOST
+    assert evidence_of_clock(fresh, "cam1") == {"host": "10.0.0.5"}
+    assert [gate.name for gate in fresh.gates] == ["clock_error_m"]
+    assert fresh.history == document.history
 
 
 def test_limits_come_from_the_site_file_else_from_the_rig_file_else_the_defaults(document):
