@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from jinja2 import Template
 
 from rigcal import __version__
 from rigcal.report import clocks_words as clock_words
 from rigcal.report import numbers, words
 from rigcal.report.clocks_axes import TimeAxis, time_axis
 from rigcal.report.clocks_figures import Marks, OffsetFigure, RateFigure, marks_of, offset_figure, rate_figure
+from rigcal.report.templates import page_environment
 from rigcal.sync.check.findings import Colour, worst
 from rigcal.sync.history.judged import colour_of
 from rigcal.sync.history.minutes import Minute, minutes_of
@@ -91,13 +91,7 @@ def sync_report(history: SyncHistory) -> str:
 
 @cache
 def _template() -> Template:
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment()
     environment.filters |= {
         "fixed": numbers.fixed,
         "scaled": numbers.scaled,

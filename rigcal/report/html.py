@@ -13,7 +13,7 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from jinja2 import Template
 
 from rigcal.camera import FOCAL_AND_CENTRE, MODELS
 from rigcal.errors import EvidenceError
@@ -28,6 +28,7 @@ from rigcal.report.rays import horizontal_fov_deg
 from rigcal.report.residuals import ResidualFigure, residual_figure
 from rigcal.report.scene import scene_of
 from rigcal.report.spreads import WANTED_TILT_DEG, Histogram, histograms_of
+from rigcal.report.templates import page_environment
 from rigcal.rigdocument import CameraEntry, GateEntry, RigDocument
 from rigcal.rigfile import readable_json, rig_of
 
@@ -103,13 +104,7 @@ def html_report(document: RigDocument, evidence: Evidence | None, *, title: str 
 
 @cache
 def _template() -> Template:
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment()
     environment.filters |= {
         "fixed": numbers.fixed,
         "scaled": numbers.scaled,

@@ -133,7 +133,7 @@ def _people(content: Content) -> ContentLags:
 
     from rigcal.errors import OptionError
     from rigcal.instants import find_instants
-    from rigcal.sync.content.people import people_lags, read_keypoints
+    from rigcal.sync.content.people import PeopleOptions, people_lags, read_keypoints
 
     if content.rig is None or content.detections is None:
         raise OptionError("--by people", expected="--rig RIG and --detections FILE.npz", got="not both")
@@ -146,7 +146,7 @@ def _people(content: Content) -> ContentLags:
         if camera_id in ids:
             frames = frame_idx[:, ids.index(camera_id)]
             times_s[frames >= 0, view] = content.stamps.times_s[ids.index(camera_id)][frames[frames >= 0]]
-    return people_lags(rig, keypoints, times_s)
+    return people_lags(rig, keypoints, times_s, options=PeopleOptions(readout_s=content.readout_s))
 
 
 def _light(content: Content) -> ContentLags:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 
+from rigcal.errors import OptionError
 from rigcal.geometry import Floats, freeze
 
+LONGEST_READOUT_S = 0.2
+"""Readouts of rolling shutters are 5 to 33 ms; a greater value is in another unit."""
 Method: TypeAlias = Literal["board", "people", "light", "motion energy"]
 
 
@@ -64,3 +68,18 @@ class ContentLags:
     def camera(self, camera_id: str) -> CameraLag | None:
         """What is known of a camera; None where it was not compared."""
         return next((camera for camera in self.cameras if camera.camera_id == camera_id), None)
+
+
+def check_clock_options(search_s: float, drift_limit_ppm: float, readout_s: Mapping[str, float]) -> None:
+    """Refuse options that no comparison of clocks can have.
+
+    Raises:
+        OptionError: for a search or a drift that is not above 0, or a readout of 0.2 s and more.
+    """
+    if not 0 < search_s < np.inf:
+        raise OptionError("search_s", expected="seconds above 0", got=search_s)
+    if not 0 < drift_limit_ppm < np.inf:
+        raise OptionError("drift_limit_ppm", expected="parts per million above 0", got=drift_limit_ppm)
+    for name, value in readout_s.items():
+        if not abs(value) < LONGEST_READOUT_S:
+            raise OptionError(f"readout_s of {name}", expected=f"seconds below {LONGEST_READOUT_S:g}", got=value)

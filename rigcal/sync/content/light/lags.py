@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rigcal.errors import ComparisonError, OptionError
+from rigcal.errors import ComparisonError
 from rigcal.geometry import Floats
-from rigcal.sync.content.lags import CameraLag, ContentLags
+from rigcal.sync.content.lags import CameraLag, ContentLags, check_clock_options
 from rigcal.sync.content.light.brightness import BrightnessSeries
 from rigcal.sync.content.light.centre import find_centre
 from rigcal.sync.content.light.changes import LEAST_FRAMES, LightChange, find_changes
@@ -47,13 +47,7 @@ class LightOptions:
     """What clocks of cameras may drift against one another; known before anything is measured."""
 
     def __post_init__(self) -> None:
-        if not 0 < self.search_s < np.inf:
-            raise OptionError("search_s", expected="seconds above 0", got=self.search_s)
-        if not 0 < self.drift_limit_ppm < np.inf:
-            raise OptionError("drift_limit_ppm", expected="parts per million above 0", got=self.drift_limit_ppm)
-        for name, value in self.readout_s.items():
-            if not abs(value) < 0.2:
-                raise OptionError(f"readout_s of {name}", expected="seconds below 0.2", got=value)
+        check_clock_options(self.search_s, self.drift_limit_ppm, self.readout_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

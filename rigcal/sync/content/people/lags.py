@@ -15,7 +15,7 @@ import numpy as np
 from rigcal.errors import OptionError
 from rigcal.geometry import Floats
 from rigcal.rig import Rig
-from rigcal.sync.content.lags import CameraLag, ContentLags
+from rigcal.sync.content.lags import CameraLag, ContentLags, check_clock_options
 from rigcal.sync.content.people.coarse import STEP_S, Coarse, search, view_pairs
 from rigcal.sync.content.people.fine import JOINT_GROUPS, LEAST_BLOCKS, FineClocks, refine_people
 from rigcal.sync.content.people.keypoints import Keypoints
@@ -54,11 +54,7 @@ class PeopleOptions:
             raise OptionError("search_s", expected="seconds in 0.3..60", got=self.search_s)
         if not 0 < self.min_score <= 1:
             raise OptionError("min_score", expected="a score above 0, at most 1", got=self.min_score)
-        if not 0 < self.drift_limit_ppm < np.inf:
-            raise OptionError("drift_limit_ppm", expected="parts per million above 0", got=self.drift_limit_ppm)
-        for name, value in self.readout_s.items():
-            if not abs(value) < 0.2:
-                raise OptionError(f"readout_s of {name}", expected="seconds below 0.2", got=value)
+        check_clock_options(self.search_s, self.drift_limit_ppm, self.readout_s)
 
 
 def people_lags(
@@ -68,7 +64,7 @@ def people_lags(
 
     Args:
         rig: the rig; its clocks are not used.
-        keypoints: detections, as :func:`rigcal.sync.content.keypoints.read_keypoints` gives them.
+        keypoints: detections, as :func:`rigcal.sync.content.people.read_keypoints` gives them.
         times_s: (F, V) stamp of each frame by the clock of each camera, in seconds after an epoch that all share; NaN
             where a camera has no such frame. F is at least the number of frames that the detections name.
         options: options.

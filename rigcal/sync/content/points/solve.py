@@ -12,10 +12,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rigcal.errors import OptionError, TracksError
+from rigcal.errors import TracksError
 from rigcal.geometry import Floats
 from rigcal.rig import Rig
-from rigcal.sync.content.lags import CameraLag, ContentLags, Method
+from rigcal.sync.content.lags import CameraLag, ContentLags, Method, check_clock_options
 from rigcal.sync.content.points.clocks import DRIFT, OFFSET, READOUT, Clocks
 from rigcal.sync.content.points.pairs import pair_residual_s
 from rigcal.sync.content.points.refine import Refined, compare, refine
@@ -47,13 +47,7 @@ class LagOptions:
     """What clocks of cameras may drift against one another; known before anything is measured."""
 
     def __post_init__(self) -> None:
-        if not 0 < self.search_s < np.inf:
-            raise OptionError("search_s", expected="seconds above 0", got=self.search_s)
-        if not 0 < self.drift_limit_ppm < np.inf:
-            raise OptionError("drift_limit_ppm", expected="parts per million above 0", got=self.drift_limit_ppm)
-        for name, value in self.readout_s.items():
-            if not abs(value) < 0.2:
-                raise OptionError(f"readout_s of {name}", expected="seconds below 0.2", got=value)
+        check_clock_options(self.search_s, self.drift_limit_ppm, self.readout_s)
 
 
 def estimate_lags(
