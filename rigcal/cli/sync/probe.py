@@ -219,11 +219,14 @@ def _show(found: list[Probed], written: RigDocument, path: Path | None) -> None:
             whose = one.probe.target.name if step.clock == "host" else "this machine"
             show(plain(f"the clock of {whose} was stepped by {1e3 * abs(step.jump_s):.3g} ms while it was probed"))
     show_failed_gates(written)
-    for camera_id in (c for one in found if one.clock for c in one.probe.target.camera_ids):
-        if not _knows_latency(written, camera_id):
-            show(
-                plain(f"{camera_id}: its own capture latency is not known and not in the offset (site file, or video)")
+    probed = [camera_id for one in found if one.clock for camera_id in one.probe.target.camera_ids]
+    if unknown := [camera_id for camera_id in probed if not _knows_latency(written, camera_id)]:
+        show(
+            plain(
+                f"{', '.join(unknown)}: how long after a frame is taken it is stamped is not known, and not in the offset; "
+                "give capture_latency_s in the site file, or run `rigcal sync video`"
             )
+        )
     show(f"rig file {path}: {written.verdict}" if path else "no host answered; no file written")
 
 

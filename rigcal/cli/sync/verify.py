@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rigcal.cli.sync._content import Content
     from rigcal.rigdocument import RigDocument
     from rigcal.site import Site
-    from rigcal.sync.check import CameraCheck, HostReading, StampReading, SyncCheck
+    from rigcal.sync.check import CameraCheck, Finding, HostReading, StampReading, SyncCheck
     from rigcal.sync.content.lags import ContentLags
 
 
@@ -214,10 +214,13 @@ def _show(check: SyncCheck) -> None:
     show(first)
     columns = ["camera", "light", "error, mm", "clock, ms", "age", "fps", "stamps", "content, ms"]
     show(table(columns, [_row(camera) for camera in check.cameras], left=(0, 1, 6)))
+    alike: dict[Finding, list[str]] = {}
     for camera in check.cameras:
         for finding in camera.findings:
-            show(plain(f"{camera.camera_id} {finding.colour}: {finding.what}"))
-            show(plain(f"  do next: {finding.do_next}"))
+            alike.setdefault(finding, []).append(camera.camera_id)
+    for finding, ids in alike.items():
+        show(plain(f"{', '.join(ids)} {finding.colour}: {finding.what}"))
+        show(plain(f"  do next: {finding.do_next}"))
 
 
 def _first_line(check: SyncCheck) -> str:
@@ -248,6 +251,6 @@ def _row(camera: CameraCheck) -> list[str]:
         ABSENT if clock is None else f"{scaled(clock.offset_s, 1e3, 1)} +- {scaled(clock.bound_s, 1e3, 1)}",
         ABSENT if clock is None or clock.age_s is None else duration(clock.age_s),
         ABSENT if fps is None else f"{fps:.4g}",
-        ABSENT if pace is None else pace.source,
+        ABSENT if pace is None or (stamps and stamps.rule == "presentation times") else pace.source,
         ABSENT if content is None else f"{scaled(content.residual_s, 1e3, 1)} +- {scaled(content.bound_s, 1e3, 1)}",
     ]
