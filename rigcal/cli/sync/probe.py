@@ -223,7 +223,7 @@ def _show(found: list[Probed], written: RigDocument, path: Path | None) -> None:
     if unknown := [camera_id for camera_id in probed if not _knows_latency(written, camera_id)]:
         show(
             plain(
-                f"{', '.join(unknown)}: how long after a frame is taken it is stamped is not known, and not in the offset; "
+                f"{', '.join(unknown)}: how long after a frame is taken it is stamped is not known nor in the offset; "
                 "give capture_latency_s in the site file, or run `rigcal sync video`"
             )
         )
