@@ -151,7 +151,7 @@ def _lag(seen: SeenPoints, found: Found, refined: Refined, index: int, options: 
     """What the solution says of one camera."""
     offset_s, drift, readout_s = refined.clocks.values[index]
     sigma = refined.sigma[index]
-    factor = bound_factor(refined.blocks[index])
+    factor = bound_factor(refined.blocks[index] - 1)  # the offset uses up one block, the drift another
     bound_s = factor * sigma[OFFSET] + _INTERPOLATION_S
     drift_bound_ppm = factor * sigma[DRIFT] * 1e6
     told = drift_bound_ppm < options.drift_limit_ppm / 2
