@@ -64,7 +64,7 @@ def _history(recorded: Path, rig: Path | None, site: Site | None, log: Path | No
 
     beside = log or probe_log_beside(recorded)
     exchanges = read_exchanges(beside) if log or beside.exists() else None
-    if recorded.is_file():
+    if recorded.is_file() or recorded.suffix == ".mcap":
         with progress_bar("reading the recording") as bar:
             task = bar.add_task("", total=None)
             recording = read_recording(

@@ -91,19 +91,20 @@ def _whole(
     readings: CameraReadings, error_s: float | None, limits: ClockLimits, findings: Sequence[Finding]
 ) -> list[Finding]:
     """What is to be said of the whole, where nothing more exact was said."""
-    if error_s is None and (readings.lag is not None or readings.swapped_with is not None):
+    red = any(finding.colour is Colour.RED for finding in findings)
+    if red or (error_s is None and readings.lag is not None):
         return []
     if error_s is None:
         return [
             Finding(
                 "not measured",
-                Colour.AMBER,
+                Colour.RED,
                 "nothing says how far its frames are from the other cameras'",
-                "record a board that moves quickly in front of all cameras for 10 s, and check that capture; or name "
-                "its host as clock = in the site file",
+                "record ten seconds of a board that is carried about before all cameras, and check that capture; or "
+                "name its host as clock = in the site file",
             )
         ]
-    if error_s <= limits.error_s or any(finding.colour is Colour.RED for finding in findings):
+    if error_s <= limits.error_s:
         return []
     return [
         Finding(

@@ -228,11 +228,12 @@ def test_a_rig_without_clocks_is_told_to_probe():
     assert check.cameras[2].findings[0].fault == "offset"
 
 
-def test_a_camera_of_which_nothing_is_known_is_amber_and_says_what_to_do():
+def test_a_camera_of_which_nothing_is_known_is_red_and_says_what_to_do():
     check = check_sync([CameraReadings("cam0", None)], LIMITS, now_s=NOW_S)
     assert check.cameras[0].error_m is None
     assert check.cameras[0].findings[0].fault == "not measured"
-    assert check.colour is Colour.AMBER
+    assert "carried about" in check.cameras[0].findings[0].do_next
+    assert check.colour is Colour.RED
 
 
 def test_content_that_does_not_decide_is_told_with_its_reason():
