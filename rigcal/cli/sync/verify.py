@@ -71,6 +71,8 @@ def verify(
         print_json(_as_json(check, rig))
     else:
         _show(check)
+        if document.verdict == "RECAPTURE":
+            show("The rig file itself says RECAPTURE; `rigcal validate` says why, and recognition refuses it.")
     raise typer.Exit(1 if check.colour is Colour.RED else 0)
 
 
