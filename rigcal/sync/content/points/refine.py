@@ -16,7 +16,7 @@ from rigcal.sync.content.points.seen import SeenPoints, noise_px
 _MOST_VIEWS = 100_000  # cameras times times times points: a third of a second a round
 _DONE_S = 1e-6
 _SCALED = 4  # rounds after which the scale of the loss is kept, so that weights come to rest
-_SETTLED = 0.1  # of a sigma: the last step of robust weights that go to and fro
+_SETTLED = 0.5  # of a sigma: the last step of robust weights that go to and fro; it counts as uncertainty
 _SHORT_BLOCKS = 6  # of a recording of a few seconds; with fewer, bounds are several times too wide
 _SHORTEST_BLOCK_S = 1 / 3  # with errors that last as long, and calibrations off by 2 px: bounds still twice too wide
 _BIAS_SIGMA_PX = 3.0  # a calibration that is further off is none
@@ -81,14 +81,15 @@ def refine(comparison: Comparison, clocks: Clocks, sigma: Floats, *, rounds: int
     equations = _equations(comparison, clocks, state, scale_px)
     covariance = _jackknife(equations, prior, free)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0)).reshape(count, WIDTH)
+    settled = (np.abs(step[:, OFFSET]) <= np.maximum(_SETTLED * deviation[:, OFFSET], _DONE_S)).all()
     return Refined(
         solved,
         state[:, CLOCK:],
-        deviation[:, :CLOCK],
+        np.hypot(deviation, step)[:, :CLOCK],
         _effective_blocks(equations, count),
         comparison.block_s,
         equations.scale_px,
-        bool((np.abs(step[:, OFFSET]) <= np.maximum(_SETTLED * deviation[:, OFFSET], _DONE_S)).all()),
+        bool(settled),
     )
 
 
