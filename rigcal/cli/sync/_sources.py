@@ -53,6 +53,8 @@ def watched(urls: dict[str, str], site: Site | None, seconds: float) -> dict[str
         declared = site.camera(watch.camera_id) if site else None
         fps = declared.fps if declared and declared.fps else watch.declared_fps
         found[watch.camera_id] = StampReading(
-            watch.stamp_source, judge_pace(watch.t_s - watch.t_s[:1].sum(), declared_fps=fps), watch.trouble or ""
+            watch.stamp_source,
+            judge_pace(watch.t_s - watch.t_s[:1].sum(), declared_fps=fps),
+            trouble=watch.trouble,
         )
     return found

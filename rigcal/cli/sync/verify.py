@@ -130,6 +130,8 @@ def _stamps_and_content(
 
 
 def _stamps_of_capture(content: Content, site: Site | None) -> dict[str, StampReading]:
+    import numpy as np
+
     from rigcal.cli.sync._content import stamps_of
     from rigcal.pace import judge_pace
     from rigcal.sync.check import StampReading
@@ -139,7 +141,8 @@ def _stamps_of_capture(content: Content, site: Site | None) -> dict[str, StampRe
     for camera, times_s in zip(content.capture.cameras, raw.times_s, strict=True):
         declared = site.camera(camera.id) if site else None
         fps = declared.fps if declared and declared.fps else camera.fps
-        found[camera.id] = StampReading(raw.rule, judge_pace(times_s - times_s[:1].sum(), declared_fps=fps))
+        pace = judge_pace(times_s - times_s[:1].sum(), declared_fps=fps)
+        found[camera.id] = StampReading(raw.rule, pace, span_s=float(np.ptp(times_s)) if len(times_s) else 0.0)
     return found
 
 

@@ -11,7 +11,7 @@ from rigcal.sync.check.content import ContentState, content_findings, content_st
 from rigcal.sync.check.findings import Colour, Finding, duration, worst
 from rigcal.sync.check.hosts import disagreeing_hosts
 from rigcal.sync.check.readings import CameraReadings, StampReading
-from rigcal.sync.check.stamps import stamp_error_s, stamp_findings
+from rigcal.sync.check.stamps import skipped_s, stamp_error_s, stamp_findings
 from rigcal.sync.record import ClockLimits
 
 
@@ -60,6 +60,7 @@ def check_sync(readings: Sequence[CameraReadings], limits: ClockLimits, *, now_s
     paces = {r.camera_id: r.stamps.pace for r in readings if r.stamps is not None and not r.stamps.trouble}
     slips = {slip.camera_id: slip for slip in free_running(paces)}
     strangers = disagreeing_hosts(readings)
+    stamped = [r.stamps for r in readings if r.stamps is not None and not r.stamps.trouble]
     checks = []
     for one in readings:
         clock, content = clock_state(one, now_s), states.get(one.camera_id)
@@ -67,13 +68,22 @@ def check_sync(readings: Sequence[CameraReadings], limits: ClockLimits, *, now_s
         findings = [
             *clock_findings(one, limits, now_s),
             *([strangers[one.camera_id]] if one.camera_id in strangers else []),
-            *stamp_findings(one.stamps, slips.get(one.camera_id), limits),
+            *stamp_findings(one.stamps, slips.get(one.camera_id), _stepped_s(one.stamps, stamped, content), limits),
             *content_findings(one, content, limits, compared=len(states)),
         ]
         findings += _whole(one, error_s, limits, findings)
         error_m = None if error_s is None else error_s * limits.fastest_motion_m_per_s
         checks.append(CameraCheck(one.camera_id, clock, one.stamps, content, error_s, error_m, tuple(findings)))
     return SyncCheck(tuple(checks), limits)
+
+
+def _stepped_s(
+    stamps: StampReading | None, others: Sequence[StampReading], content: ContentState | None
+) -> float | None:
+    """A step by whole frames, unless the pictures are where the stamps have them."""
+    stepped_s = None if stamps is None or stamps.trouble else skipped_s(stamps, others)
+    told = content is not None and stepped_s is not None and abs(content.residual_s) < abs(stepped_s) / 4
+    return None if told else stepped_s
 
 
 def _error_s(readings: CameraReadings, clock: ClockState | None, content: ContentState | None) -> float | None:

@@ -34,6 +34,8 @@ class StampReading:
     rule: str
     """Where they come from: ``timestamps.csv``, ``file times``, ``presentation times``, ``producer`` or ``arrival``."""
     pace: Pace
+    span_s: float = 0.0
+    """From the first stamp to the last."""
     trouble: str = ""
     """Why a live source gave nothing, in words; the pace is then that of no frames."""
 

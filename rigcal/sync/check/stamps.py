@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from rigcal.pace import FreeRunning, Pace
 from rigcal.sync.check.findings import Colour, Finding, duration
@@ -15,6 +17,8 @@ FEW_PERCENT = 0.1
 """Missing frames below this share are told, and stop no recording: one in half a minute at 30 fps."""
 DECLARED_PPM = 1000.0
 """How far a rate may be from the declared one: 29.97 is called 30 everywhere."""
+MORE_THAN_A_FRAME = 1.5
+"""Frames that the stamps of cameras which began and ended together do not differ by, but for a step."""
 RULES_OF_A_FILE = frozenset({"presentation times"})
 """Stamps that a recorder wrote into a video; the camera's clock may never have been asked."""
 
@@ -26,8 +30,32 @@ def stamp_error_s(stamps: StampReading | None) -> float:
     return SPREAD * stamps.pace.jitter_s
 
 
-def stamp_findings(stamps: StampReading | None, slip: FreeRunning | None, limits: ClockLimits) -> Iterator[Finding]:
-    """What is wrong with a camera's stamps; ``slip``: how its frame rate differs from the other cameras'."""
+def skipped_s(stamps: StampReading, others: Sequence[StampReading]) -> float | None:
+    """By how much a clock seems to have been stepped by whole frames; None where it does not.
+
+    Such a step looks like frames that were dropped, or sent twice. But a camera that gave as many frames as the others,
+    and whose stamps span another time, has lost none, unless it was told how many to record.
+    """
+    pace = stamps.pace
+    alike = [other for other in others if other is not stamps and abs(other.pace.frames - pace.frames) <= 1]
+    uneven = bool(pace.missing) or len(pace.repeated) > 0 or len(pace.backwards) > 0
+    if not alike or not uneven or pace.period_s is None:
+        return None
+    longer_s = stamps.span_s - float(np.median([other.span_s for other in alike]))
+    return longer_s if abs(longer_s) > MORE_THAN_A_FRAME * pace.period_s else None
+
+
+def stamp_findings(
+    stamps: StampReading | None, slip: FreeRunning | None, stepped_s: float | None, limits: ClockLimits
+) -> Iterator[Finding]:
+    """What is wrong with a camera's stamps.
+
+    Args:
+        stamps: What was read of them.
+        slip: How its frame rate differs from the other cameras'.
+        stepped_s: As of :func:`skipped_s`.
+        limits: What errors are held against.
+    """
     if stamps is None:
         return
     if stamps.trouble:
@@ -48,7 +76,16 @@ def stamp_findings(stamps: StampReading | None, slip: FreeRunning | None, limits
             f"its clock was stepped: stamps jump by {duration(abs(largest.jump_s))} at frame {largest.at}, and stay",
             "let its time service settle (chrony: makestep only at the start) before the recording",
         )
-    yield from _frames(pace)
+    if stepped_s is not None:
+        yield Finding(
+            "stepped clock",
+            Colour.RED,
+            "its clock was stepped: it gave as many frames as the others, and its stamps span "
+            f"{duration(abs(stepped_s))} {'more' if stepped_s > 0 else 'less'}",
+            "let its time service settle (chrony: makestep only at the start) before the recording",
+        )
+    else:
+        yield from _frames(pace)
     yield from _rate(pace, slip)
 
 

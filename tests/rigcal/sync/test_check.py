@@ -38,7 +38,7 @@ def stamped(t_s=None, rule="timestamps.csv", fps=30.0, declared=30.0, jitter_s=2
     if t_s is None:
         t_s = np.arange(300) / fps
     noise = np.random.default_rng(seed).normal(0, jitter_s, len(t_s))
-    return StampReading(rule, judge_pace(t_s + noise, declared_fps=declared))
+    return StampReading(rule, judge_pace(t_s + noise, declared_fps=declared), span_s=float(np.ptp(t_s)))
 
 
 def lag(camera_id, offset_s=0.0, bound_s=0.0001, drift_ppm=0.0, drift_bound_ppm=20.0, confident=True, reason=""):
@@ -182,6 +182,20 @@ def test_a_step_in_the_stamps_of_a_capture_is_named():
     assert "at frame 150" in finding.what
 
 
+@pytest.mark.parametrize(("jump_s", "words"), [(0.5, "span 500 ms more"), (-0.5, "span 500 ms less")])
+def test_a_step_by_whole_frames_is_told_from_dropped_frames_by_the_frames_that_came(jump_s, words):
+    t_s = np.arange(300) / 30
+    t_s[150:] += jump_s
+    blind = [replace(r, lag=None) for r in healthy()]
+    stepped = changed(blind, "cam0", stamps=stamped(np.sort(t_s)))  # sorted, as timestamps.csv is read
+    assert words in only_fault(checked(stepped), "cam0", "stepped clock", Colour.RED).what
+
+
+def test_a_camera_that_dropped_frames_and_recorded_longer_is_not_called_stepped_where_pictures_tell():
+    t_s = np.delete(np.arange(310) / 30, range(100, 110))
+    only_fault(checked(changed(healthy(), "cam0", stamps=stamped(t_s))), "cam0", "dropped frames", Colour.RED)
+
+
 def test_time_that_runs_backwards_is_named():
     t_s = np.arange(300) / 30
     t_s[[100, 101]] = t_s[[101, 100]]
@@ -189,7 +203,7 @@ def test_time_that_runs_backwards_is_named():
 
 
 def test_a_dead_source_is_named():
-    dead = StampReading("arrival", judge_pace(np.zeros(0)), "cannot connect")
+    dead = StampReading("arrival", judge_pace(np.zeros(0)), trouble="cannot connect")
     finding = only_fault(checked(changed(healthy(), "cam1", stamps=dead)), "cam1", "dead source", Colour.RED)
     assert finding.what == "its pictures cannot be had: cannot connect"
 
