@@ -32,13 +32,15 @@ def content_states(readings: Sequence[CameraReadings]) -> dict[str, ContentState
     """Per camera whose content decides, beside the middle of all of them, so that one that is off is named.
 
     Lags are relative to a reference; where that is the one that is off, all others seem to be. With three cameras
-    and more the median is where most agree.
+    and more the middle is where most agree: the reference, unless most are away from it to the same side.
     """
     known = {r.camera_id: r.lag for r in readings if r.lag is not None and r.lag.confident}
     figures = np.array([(lag.offset_s, lag.bound_s, lag.drift_ppm, lag.drift_bound_ppm) for lag in known.values()])
     if len(known) < MAJORITY:
         return {camera_id: ContentState(*row) for camera_id, row in zip(known, figures.tolist(), strict=True)}
-    middle_s, bound_s, middle_ppm, bound_ppm = np.median(figures, axis=0).tolist()
+    low, high = (np.quantile(figures, 0.5, axis=0, method=side) for side in ("lower", "higher"))
+    middle_s, _, middle_ppm, _ = np.clip(0.0, low, high).tolist()
+    _, bound_s, _, bound_ppm = np.median(figures, axis=0).tolist()
     return {
         camera_id: ContentState(offset - middle_s, max(bound, bound_s), drift - middle_ppm, max(width, bound_ppm))
         for camera_id, (offset, bound, drift, width) in zip(known, figures.tolist(), strict=True)
