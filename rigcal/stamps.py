@@ -48,6 +48,17 @@ class FrameStamps:
         """From nanoseconds."""
         return cls(rule, tuple(t // _S_NS + t % _S_NS / _S_NS for t in times_ns), tuple(times_ns))
 
+    def counts_for(self, capture: Capture) -> list[int]:
+        """Frames of each camera of the capture that these stamps are of.
+
+        Raises:
+            ValueError: where the stamps are another capture's.
+        """
+        counts, stamped = [len(camera.frames) for camera in capture.cameras], [len(t_s) for t_s in self.times_s]
+        if stamped != counts:
+            raise ValueError(f"stamps of {stamped} frames for a capture of {counts}")
+        return counts
+
     @property
     def shared(self) -> bool:
         """Whether the cameras' stamps count from the same epoch; presentation times do not."""

@@ -116,11 +116,6 @@ class Pace:
         return (self.delivered_fps / self.declared_fps - 1) * 1e6
 
     @property
-    def off_percent(self) -> float | None:
-        """Delivered against declared rate, in per cent; None where either is not known."""
-        return None if self.off_ppm is None else self.off_ppm * 1e-4
-
-    @property
     def missing_frames(self) -> int:
         """How many frames are missing in all."""
         return sum(gap.count for gap in self.missing)

@@ -55,6 +55,7 @@ def watched(urls: dict[str, str], site: Site | None, seconds: float) -> dict[str
         found[watch.camera_id] = StampReading(
             watch.stamp_source,
             judge_pace(watch.t_s - watch.t_s[:1].sum(), declared_fps=fps),
+            arrived_fps=watch.arrived_fps,
             trouble=watch.trouble,
         )
     return found

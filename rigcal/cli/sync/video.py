@@ -117,7 +117,10 @@ def _as_json(
 
 
 def _camera(camera: CameraLag) -> dict[str, Any]:
-    names = ("confident", "reason", "offset_s", "at_s", "bound_s", "drift_ppm", "drift_bound_ppm", "readout_s")
+    names = (
+        *("confident", "reason", "offset_s", "at_s", "bound_s"),
+        *("drift_ppm", "drift_bound_ppm", "readout_s", "readout_sigma_s"),
+    )
     values = {name: getattr(camera, name) for name in names}
     known = {name: None if isinstance(v, float) and not math.isfinite(v) else v for name, v in values.items()}
     return {"id": camera.camera_id} | known
@@ -161,5 +164,13 @@ def _row(camera: CameraLag) -> list[str]:
         plain(camera.camera_id),
         f"{scaled(camera.offset_s, 1e3, 3)} +- {scaled(camera.bound_s, 1e3, 3)}",
         f"{fixed(camera.drift_ppm)} +- {fixed(camera.drift_bound_ppm)}",
-        scaled(camera.readout_s, 1e3, 1),
+        _readout(camera),
     ]
+
+
+def _readout(camera: CameraLag) -> str:
+    """The readout in milliseconds, with three sigma where it was estimated."""
+    from rigcal.report.numbers import scaled
+
+    told = scaled(camera.readout_s, 1e3, 1)
+    return told if camera.readout_sigma_s is None else f"{told} +- {scaled(3 * camera.readout_sigma_s, 1e3, 1)}"

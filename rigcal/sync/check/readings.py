@@ -36,6 +36,8 @@ class StampReading:
     pace: Pace
     span_s: float = 0.0
     """From the first stamp to the last."""
+    arrived_fps: float | None = None
+    """Of a live source: frames per second as they came, whatever their stamps say."""
     trouble: str = ""
     """Why a live source gave nothing, in words; the pace is then that of no frames."""
 

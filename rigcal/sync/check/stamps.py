@@ -17,6 +17,8 @@ FEW_PERCENT = 0.1
 """Missing frames below this share are told, and stop no recording: one in half a minute at 30 fps."""
 DECLARED_PPM = 1000.0
 """How far a rate may be from the declared one: 29.97 is called 30 everywhere."""
+LATE_SHARE = 0.05
+"""Of the rate: by what frames that come may be fewer than the stamps say; ten seconds of arrivals tell 0.5 %."""
 MORE_THAN_A_FRAME = 1.5
 """Frames that the stamps of cameras which began and ended together do not differ by, but for a step."""
 RULES_OF_A_FILE = frozenset({"presentation times"})
@@ -87,6 +89,7 @@ def stamp_findings(
     else:
         yield from _frames(pace)
     yield from _rate(pace, slip)
+    yield from _delivery(stamps)
 
 
 def _source(stamps: StampReading, limits: ClockLimits) -> Iterator[Finding]:
@@ -159,4 +162,16 @@ def _rate(pace: Pace, slip: FreeRunning | None) -> Iterator[Finding]:
             Colour.AMBER,
             f"it delivers {pace.delivered_fps:.5g} frames per second and declares {pace.declared_fps:.5g}",
             "mend the rate in the camera or in the site file; nothing may count time by its frame numbers",
+        )
+
+
+def _delivery(stamps: StampReading) -> Iterator[Finding]:
+    """A camera whose stamps count more frames than come: they are made from a rate that it does not reach."""
+    fps, arrived = stamps.pace.delivered_fps, stamps.arrived_fps
+    if fps is not None and arrived is not None and arrived < (1 - LATE_SHARE) * fps and not stamps.pace.missing:
+        yield Finding(
+            "wrong stamps",
+            Colour.RED,
+            f"its stamps count {fps:.4g} frames per second, and {arrived:.4g} arrive: they are not its frames' times",
+            "lower its frame rate or bit rate to what it delivers, and have it stamp its frames by its clock",
         )

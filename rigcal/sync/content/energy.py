@@ -88,9 +88,7 @@ def measure_energy(
         BrokenFileError, ImageSizeError: where frames cannot be decoded.
         ValueError: where the stamps are another capture's.
     """
-    counts = [len(camera.frames) for camera in capture.cameras]
-    if [len(t_s) for t_s in stamps.times_s] != counts:
-        raise ValueError(f"stamps of {[len(t_s) for t_s in stamps.times_s]} frames for a capture of {counts}")
+    counts = stamps.counts_for(capture)
     series: list[EnergySeries] = []
     for index, (camera, t_s) in enumerate(zip(capture.cameras, stamps.times_s, strict=True)):
         differences = []

@@ -1,4 +1,4 @@
-"""What a responder may say of how right its clock is: chronyd's word, asked for now and then beside the answering."""
+"""What a responder may say of how right its clock is: chronyd's word, asked for at intervals, beside the answering."""
 
 from __future__ import annotations
 

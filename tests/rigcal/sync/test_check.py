@@ -208,6 +208,15 @@ def test_a_dead_source_is_named():
     assert finding.what == "its pictures cannot be had: cannot connect"
 
 
+def test_stamps_that_count_more_frames_than_arrive_are_named():
+    lying = replace(stamped(fps=25.0, declared=25.0), rule="producer", arrived_fps=21.0)
+    honest = replace(lying, arrived_fps=24.8)
+    readings = [replace(r, stamps=honest) for r in healthy()]
+    assert checked(readings).colour is Colour.GREEN
+    finding = only_fault(checked(changed(readings, "cam1", stamps=lying)), "cam1", "wrong stamps", Colour.RED)
+    assert "count 25 frames per second, and 21 arrive" in finding.what
+
+
 def test_tai_is_recognised():
     host = replace(probed(), confusion="the camera's host is ahead by 37.000 s")
     only_fault(checked(changed(healthy(), "cam1", host=host)), "cam1", "time scale", Colour.RED)
