@@ -1,0 +1,1 @@
+"""Renderers and the sensor: from instances to images."""

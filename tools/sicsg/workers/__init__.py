@@ -1,0 +1,1 @@
+"""Workers: bodies, clothes, skinning and motion."""
