@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recognition.errors import RigRefusedError, SourceError
+from recognition.errors import RigRefusedError
 from rigcal.errors import RigcalError, writing
 
 if TYPE_CHECKING:
-    from recognition.detectors import Detector
+    from recognition.detectors import Detector, ModelInfo
     from recognition.feeds import Feed
     from recognition.recording import Recorded
     from recognition.runtime import RunResult
@@ -65,10 +65,15 @@ def run(
         Path | None, typer.Option(metavar="FILE.npz", help="2D detections, instead of networks.")
     ] = None,
     object_model: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Box network, .onnx or its .toml manifest.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Network of objects' boxes instead of the bundled one, .onnx or its .toml manifest.",
+        ),
     ] = None,
     pose_model: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Keypoint network for the people that the box network finds.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Network of people's joints instead of the bundled one, .onnx or its .toml."),
     ] = None,
     poses: Annotated[
         Path | None, typer.Option(metavar="OUT.npz", help="Also write every worker's joints in 3D.")
@@ -92,6 +97,9 @@ def run(
 ) -> None:
     """Track workers and objects in 3D over a capture, and record frames, detections and scenes.
 
+    Frames without --detections are looked at by the networks that come with the package; --pose-model replaces their
+    people, --object-model their objects.
+
     Exit code 0: done; 2: bad input, or a rig file that must not be run.
     """
     from recognition.feeds import FeedOptions, open_feed
@@ -109,25 +117,28 @@ def run(
     rate = fps or (float(declared) if isinstance(declared, (int, float)) else DEFAULT_FPS)
     detector = _detector(object_model, pose_model, needed=source is not None and detections is None)
     feed = open_feed(loaded, source, detections, detector, FeedOptions(use, rate, interpolate))
+    networks = detector.model_info if detector else ()
+    notices = _notices(networks)
     metadata = {
         "association": association.value,
         "views": ",".join(camera_id for camera_id, wanted in zip(loaded.camera_ids, use, strict=True) if wanted),
         "interpolate": str(interpolate).lower(),
         **feed.facts,
         **({"sync": json.dumps(feed.sync.document, ensure_ascii=False)} if feed.sync else {}),
-        **({f"model.{m.family}": f"{m.name} {m.sha256}" for m in detector.model_info} if detector else {}),
+        **{f"model.{m.family}": f"{m.name} {m.sha256}" for m in networks},
+        **{f"notice.{m.family}": m.notice for m in networks if m.notice},
     }
     with writing(output):
         recorder = Recorder(output, rig=loaded, rig_json=rig.read_bytes(), metadata=metadata)
         with recorder, _progress(feed.total, quiet=as_json) as progress, _stop_on_interrupt() as stop:
-            for warning in feed.warnings:
+            for warning in (*feed.warnings, *notices):
                 recorder.log("warning", warning, feed.start_ns)
             options = RunOptions(realtime=realtime)
             result = run_instants(loaded, feed.instants, recorder, options, progress=progress, stop=stop)
         recorded = recorder.close()
     if poses is not None:
         _write_poses(result, loaded, poses)
-    _tell(loaded, result, recorded, feed, poses, as_json)
+    _tell(loaded, result, recorded, feed, notices, poses, as_json)
 
 
 @app.command()
@@ -222,19 +233,25 @@ def _used(rig: Rig, views: str | None) -> tuple[bool, ...]:
 
 
 def _detector(object_model: Path | None, pose_model: Path | None, *, needed: bool) -> Detector | None:
-    from recognition.detectors import load_detector
-
     if not needed:
         return None
-    if object_model is None:
-        raise SourceError(
-            "nothing finds workers in these frames",
-            where="recognition run",
-            expected="--object-model FILE and --pose-model FILE, or --detections FILE.npz",
-            got="no --object-model" + (" (a pose model needs the people's boxes)" if pose_model else ""),
-            do_next="give a box network that finds people, and a pose network",
-        )
-    return load_detector(object_model, pose_model)
+    from recognition.detectors import load_bundled, load_detector
+
+    if object_model is not None and pose_model is not None:
+        return load_detector(object_model, pose_model)
+    bundled = load_bundled()
+    if object_model is None and pose_model is None:
+        return bundled
+    return load_detector(object_model, pose_model, rest=bundled)
+
+
+def _notices(networks: Sequence[ModelInfo]) -> tuple[str, ...]:
+    """What whoever uses the result must know of its networks, each once with the files that it is of."""
+    texts = dict.fromkeys(network.notice for network in networks if network.notice)
+    return tuple(
+        f"{', '.join(network.name for network in networks if network.notice == text)} (bundled): {text}"
+        for text in texts
+    )
 
 
 def _write_poses(result: RunResult, rig: Rig, path: Path) -> None:
@@ -244,7 +261,15 @@ def _write_poses(result: RunResult, rig: Rig, path: Path) -> None:
         write_poses(Poses.of(result.scenes, rig.world_from_rig), path)
 
 
-def _tell(rig: Rig, result: RunResult, recorded: Recorded, feed: Feed, poses: Path | None, as_json: bool) -> None:
+def _tell(
+    rig: Rig,
+    result: RunResult,
+    recorded: Recorded,
+    feed: Feed,
+    notices: Sequence[str],
+    poses: Path | None,
+    as_json: bool,
+) -> None:
     if as_json:
         _print_json(
             {
@@ -257,6 +282,7 @@ def _tell(rig: Rig, result: RunResult, recorded: Recorded, feed: Feed, poses: Pa
                 "rule": feed.facts,
                 "sync": feed.sync.document if feed.sync else None,
                 "warnings": list(feed.warnings),
+                "notices": list(notices),
                 "people_detected": dict(result.detections),
                 "workers": {str(track): count for track, count in result.worker_instants.items()},
                 "objects": result.object_instants,
@@ -273,6 +299,8 @@ def _tell(rig: Rig, result: RunResult, recorded: Recorded, feed: Feed, poses: Pa
         typer.echo(line)
     for warning in feed.warnings:
         typer.echo(f"warning: {warning}")
+    for notice in notices:
+        typer.echo(f"notice: {notice}")
     typer.echo("people detected  " + ", ".join(f"{c} {n}" for c, n in result.detections.items()))
     for track, count in result.worker_instants.items():
         typer.echo(f"  worker {track}: seen in 3D at {count} instants")

@@ -73,10 +73,12 @@ def at_time(t_ns: int, before: Seen | None, now: Seen, after: Seen | None) -> Vi
     if not 0 < gap_s <= MAX_GAP_S:
         return now.detections
     part = (t_ns - now.t_ns) / (other.t_ns - now.t_ns)
+    xyxy, keypoints_px = _objects(now.detections, other.detections, part, gap_s)
     return replace(
         now.detections,
         people_px=_people_px(now.detections, other.detections, part, gap_s),
-        object_xyxy=_object_xyxy(now.detections, other.detections, part, gap_s),
+        object_xyxy=xyxy,
+        object_keypoints_px=keypoints_px,
     )
 
 
@@ -152,19 +154,27 @@ def _same_people(first_px: Floats, second_px: Floats, size_px: Floats, gap_s: fl
     return match(np.where(near, mean_px, np.inf), np.inf)
 
 
-def _object_xyxy(now: ViewDetections, other: ViewDetections, part: float, gap_s: float) -> Floats:
-    """(K, 4) boxes on the way to where the same object's are in the other frame."""
+def _objects(now: ViewDetections, other: ViewDetections, part: float, gap_s: float) -> tuple[Floats, Floats]:
+    """(K, 4) boxes on the way to where the same object's are in the other frame, and (K, 4, 2) their keypoints.
+
+    A keypoint that the other frame lacks, or has too far away, moves with the middle of the box.
+    """
     size_px, other_px = (
         np.linalg.norm(seen.object_xyxy[:, 2:] - seen.object_xyxy[:, :2], axis=1) for seen in (now, other)
     )
+    limit_px = NOISE_PX + MAX_SIZES_PER_S * gap_s * size_px
     distance_px = np.linalg.norm(now.object_px[:, None] - other.object_px[None, :], axis=-1)
     names, others = np.array(now.object_class, dtype=np.str_), np.array(other.object_class, dtype=np.str_)
-    near = distance_px <= NOISE_PX + MAX_SIZES_PER_S * gap_s * size_px[:, None]
+    near = distance_px <= limit_px[:, None]
     same = near & (names[:, None] == others[None, :]) & _alike(size_px[:, None], other_px[None, :])
     mine, theirs = match(np.where(same, distance_px, np.inf), np.inf)
-    moved = now.object_xyxy.copy()
+    moved, keypoints_px = now.object_xyxy.copy(), now.object_keypoints_px.copy()
     moved[mine] += part * (other.object_xyxy[theirs] - moved[mine])
-    return moved
+    step_px = other.object_keypoints_px[theirs] - keypoints_px[mine]
+    steady = np.linalg.norm(step_px, axis=-1) <= limit_px[mine, None]
+    middle_px = (other.object_px[theirs] - now.object_px[mine])[:, None]
+    keypoints_px[mine] += part * np.where(steady[..., None], step_px, middle_px)
+    return moved, keypoints_px
 
 
 def _sizes_px(points_px: Floats) -> Floats:

@@ -6,7 +6,7 @@ cameras, in rig order.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +41,17 @@ class ViewDetections:
     """(K, 4) boxes: left, top, right, bottom."""
     object_score: Floats
     """(K,) scores, 0..1."""
+    object_keypoints_px: Floats = field(default_factory=lambda: np.zeros((0, 4, 2)))
+    """(K, 4, 2) up to four keypoints of each object, in the order that its class has; NaN where one was not detected.
+    Without it: none was."""
 
     def __post_init__(self) -> None:
         people, objects = len(self.people_px), len(self.object_class)
+        if len(self.object_keypoints_px) == 0:
+            object.__setattr__(self, "object_keypoints_px", np.full((objects, 4, 2), np.nan))
         freeze(self, np.float64, people_px=(people, 17, 2), people_score=(people, 17))
         freeze(self, np.float64, object_xyxy=(objects, 4), object_score=(objects,))
+        freeze(self, np.float64, object_keypoints_px=(objects, 4, 2))
 
     @classmethod
     def empty(cls) -> ViewDetections:

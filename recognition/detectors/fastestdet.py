@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
-from recognition.detectors.family import BoxFamily
-from recognition.detectors.manifest import BoxManifest
+from recognition.detectors.family import BoxFamily, Layout, Outputs
 from rigcal.geometry import Floats
 
 _STRIDE = 16
 
 
-def decode_fastestdet(output: NDArray[Any], size_wh: tuple[int, int]) -> tuple[Floats, Floats]:
+def decode_fastestdet(outputs: Outputs, size_wh: tuple[int, int]) -> tuple[Floats, Floats]:
     """Read the output of a FastestDet network.
 
     Args:
-        output: (1, 5 + C, h, w): objectness; centre relative to the cell's corner, in cells, through tanh; size in
+        outputs: (1, 5 + C, h, w): objectness; centre relative to the cell's corner, in cells, through tanh; size in
             inputs, through the logistic function; class probabilities.
         size_wh: size of the input.
 
     Returns:
         Boxes (A, 4) in edge coordinates of the input, and scores (A, C): objectness times class probability.
     """
-    raw = output[0].astype(np.float64)
+    raw = outputs[0][0].astype(np.float64)
     rows, columns = np.indices(raw.shape[1:])
     input_wh = np.array(size_wh)
     cells = np.stack([columns, rows], axis=-1).reshape(-1, 2)
@@ -36,9 +32,8 @@ def decode_fastestdet(output: NDArray[Any], size_wh: tuple[int, int]) -> tuple[F
     return np.hstack([centre - half, centre + half]), channels[:, :1] * channels[:, 5:]
 
 
-def _output_shape(manifest: BoxManifest) -> tuple[int, ...]:
-    width, height = manifest.input.size_wh
-    return (1, 5 + len(manifest.classes), height // _STRIDE, width // _STRIDE)
+def _layouts(size_wh: tuple[int, int], classes: int) -> tuple[Layout, ...]:
+    return (((1, 5 + classes, size_wh[1] // _STRIDE, size_wh[0] // _STRIDE),),)
 
 
-FASTESTDET = BoxFamily(_output_shape, decode_fastestdet)
+FASTESTDET = BoxFamily(_layouts, decode_fastestdet)

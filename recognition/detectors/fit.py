@@ -98,4 +98,5 @@ def _tensor(canvas: NDArray[np.uint8], spec: InputSpec) -> NDArray[Any]:
     if spec.dtype == "float32":
         mean, std = (np.array(values, np.float32).reshape(3, 1, 1) for values in (spec.mean, spec.std))
         channels = (channels * np.float32(spec.scale) - mean) / std
+    channels = channels.astype(spec.dtype, copy=False)
     return (channels if spec.layout == "nchw" else np.ascontiguousarray(channels.transpose(1, 2, 0)))[None]

@@ -13,7 +13,7 @@ import tomllib
 from collections.abc import Mapping
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -35,11 +35,13 @@ Text = Annotated[str, Field(min_length=1)]
 CLASS_SETS = {"coco80": COCO80}
 
 
-class _Strict(BaseModel):
+class Strict(BaseModel):
+    """Entries of a manifest: no others, and never changed."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class InputSpec(_Strict):
+class InputSpec(Strict):
     """What the network expects: ``(pixel * scale - mean) / std`` per channel, in the order of ``colour``."""
 
     name: Text
@@ -47,7 +49,7 @@ class InputSpec(_Strict):
     size_wh: tuple[PositiveInt, PositiveInt]
     """Width and height in pixels."""
     layout: Literal["nchw", "nhwc"]
-    dtype: Literal["float32", "uint8"]
+    dtype: Literal["float32", "uint8", "int32"]
     colour: Literal["bgr", "rgb"]
     scale: PositiveFloat = 1.0
     mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -61,8 +63,8 @@ class InputSpec(_Strict):
 
     @model_validator(mode="after")
     def _integers_stay_as_they_are(self) -> InputSpec:
-        if self.dtype == "uint8" and (self.scale != 1 or any(self.mean) or self.std != (1, 1, 1)):
-            raise ValueError("a uint8 input takes pixels as they are: leave out scale, mean and std")
+        if self.dtype != "float32" and (self.scale != 1 or any(self.mean) or self.std != (1, 1, 1)):
+            raise ValueError("an input of whole numbers takes pixels as they are: leave out scale, mean and std")
         return self
 
     @model_validator(mode="after")
@@ -72,7 +74,7 @@ class InputSpec(_Strict):
         return self
 
 
-class Manifest(_Strict):
+class NetworkFacts(Strict):
     """What every manifest states."""
 
     family: Text
@@ -80,6 +82,11 @@ class Manifest(_Strict):
     licence: Text
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     """Of the ONNX file, so that a manifest cannot be applied to another network."""
+
+
+class Manifest(NetworkFacts):
+    """What the manifest states of a network whose input differs from others of its family."""
+
     input: InputSpec
 
 
@@ -90,6 +97,8 @@ class BoxManifest(Manifest):
     """Names in the order of the network's class channels; in the file also the name of a known set, ``coco80``."""
     person_class: str | None = None
     """The class whose boxes are people; left out where the network finds no people."""
+    rename: dict[Text, Text] = Field(default_factory=dict)
+    """From the network's name of a class to that which rules know; several classes may become one."""
     score_threshold: Annotated[float, Field(gt=0, lt=1)]
     """Boxes below it are dropped; it belongs to the network, because families scale their scores differently."""
 
@@ -114,6 +123,33 @@ class BoxManifest(Manifest):
             raise ValueError("none of the classes")
         return value
 
+    @field_validator("rename")
+    @classmethod
+    def _renamed_are_classes(cls, value: dict[str, str], info: ValidationInfo) -> dict[str, str]:
+        unknown = [name for name in value if name not in info.data.get("classes", value)]
+        if unknown:
+            raise ValueError(f"none of the classes: {', '.join(unknown)}")
+        return value
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The classes by the names that rules know, in the order of the network's channels."""
+        return tuple(self.rename.get(name, name) for name in self.classes)
+
+    @property
+    def person_name(self) -> str | None:
+        """The name among them of people."""
+        return None if self.person_class is None else self.rename.get(self.person_class, self.person_class)
+
+
+class PeopleManifest(Manifest):
+    """Manifest of a network that finds people with their joints in one run."""
+
+    joints: Literal["coco17"]
+    """Order of the joints."""
+    score_threshold: Annotated[float, Field(gt=0, lt=1)]
+    """People below it are dropped."""
+
 
 class PoseManifest(Manifest):
     """Manifest of a network that finds the joints of one person in a crop."""
@@ -124,10 +160,13 @@ class PoseManifest(Manifest):
     """The crop's size over the person box's."""
 
 
-AnyManifest: TypeAlias = BoxManifest | PoseManifest
+AnyManifest: TypeAlias = BoxManifest | PeopleManifest | PoseManifest
 
 
-def read_manifest(path: Path | Traversable, forms: Mapping[str, type[AnyManifest]]) -> AnyManifest:
+FormT = TypeVar("FormT", bound=NetworkFacts)
+
+
+def read_manifest(path: Path | Traversable, forms: Mapping[str, type[FormT]]) -> FormT:
     """Read a manifest; ``forms`` tells which form the manifests of each family have.
 
     Raises:
@@ -163,7 +202,7 @@ def read_manifest(path: Path | Traversable, forms: Mapping[str, type[AnyManifest
     return _validated(data, forms[family], path)
 
 
-def _validated(data: dict[str, Any], form: type[AnyManifest], path: Path | Traversable) -> AnyManifest:
+def _validated(data: dict[str, Any], form: type[FormT], path: Path | Traversable) -> FormT:
     try:
         return form.model_validate(data)
     except ValidationError as error:
@@ -182,4 +221,5 @@ def _validated(data: dict[str, Any], form: type[AnyManifest], path: Path | Trave
 def entries_text(form: type[BaseModel]) -> str:
     """Entries of a form as one reads them: ``family, licence, ..., input.name, ...``."""
     plain = [name for name in form.model_fields if name != "input"]
-    return ", ".join(plain + [f"input.{name}" for name in InputSpec.model_fields])
+    inside = [f"input.{name}" for name in InputSpec.model_fields] if "input" in form.model_fields else []
+    return ", ".join(plain + inside)

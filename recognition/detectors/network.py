@@ -10,49 +10,43 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recognition.detectors.family import Outputs
 from recognition.detectors.manifest import InputSpec
 from recognition.errors import ModelError
 
-_ELEMENT_TYPES = {"float32": "tensor(float)", "uint8": "tensor(uint8)"}
+_ELEMENT_TYPES = {"float32": "tensor(float)", "uint8": "tensor(uint8)", "int32": "tensor(int32)"}
 
 
 class Network:
-    """A network with one input and one output, checked against its manifest by looking and by one run."""
+    """A network with one input, checked against its manifest by looking and by one run."""
 
-    def __init__(
-        self, onnx: bytes, path: Path, spec: InputSpec, output_shape: tuple[int, ...], *, threads: int
-    ) -> None:
+    def __init__(self, onnx: bytes, path: Path, spec: InputSpec, *, outputs: int, threads: int, batch: int = 1) -> None:
         """Load it.
 
         Args:
             onnx: content of the file.
             path: where it came from, for messages.
-            spec: the manifest's input.
-            output_shape: what the family and the manifest make of the output.
+            spec: the manifest's input; its size is that of an input of open size.
+            outputs: how many of the first outputs are read.
             threads: threads within one operator.
+            batch: images in the one run; more than one needs a network whose input is open there.
 
         Raises:
-            ModelError: where onnxruntime refuses the file, or input or output are not as stated.
+            ModelError: where onnxruntime refuses the file, or the input is not as stated.
         """
         self._name = spec.name
-        shape, dtype = _form(spec)
         with _refusals_explained(path):
             self._session = _open(onnx, threads)
-            _check_input(self._session, path, spec)
-            got = [np.asarray(output).shape for output in self._session.run(None, {spec.name: np.zeros(shape, dtype)})]
-        if got != [output_shape]:
-            raise ModelError(
-                "the network's output is not what the manifest's family gives",
-                where=path,
-                expected=_text(output_shape),
-                got=", ".join(map(_text, got)),
-                do_next="check family, classes and input.size_wh of the manifest, and that the network was exported "
-                "without post-processing",
-            )
+            _check_input(self._session, path, spec, batch)
+            names = [output.name for output in self._session.get_outputs()]
+            tried = self._session.run(names, {spec.name: np.zeros(_shape(spec, batch), spec.dtype)})
+        self._read = names[:outputs]
+        self.shapes = {name: np.asarray(output).shape for name, output in zip(names, tried, strict=True)}
+        """Shape of each output, by name, in the order of the graph; those too that are not read."""
 
-    def run(self, tensor: NDArray[Any]) -> NDArray[Any]:
-        """The output for one input."""
-        return np.asarray(self._session.run(None, {self._name: tensor})[0])
+    def run(self, tensor: NDArray[Any]) -> Outputs:
+        """The outputs that are read, for one input."""
+        return tuple(np.asarray(output) for output in self._session.run(self._read, {self._name: tensor}))
 
 
 def _open(onnx: bytes, threads: int) -> Any:
@@ -84,9 +78,9 @@ def _refusals_explained(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _check_input(session: Any, path: Path, spec: InputSpec) -> None:
+def _check_input(session: Any, path: Path, spec: InputSpec, batch: int) -> None:
     inputs = session.get_inputs()
-    shape, _ = _form(spec)
+    shape = _shape(spec, batch)
     fits = len(inputs) == 1 and (
         inputs[0].name == spec.name
         and inputs[0].type == _ELEMENT_TYPES[spec.dtype]
@@ -103,10 +97,9 @@ def _check_input(session: Any, path: Path, spec: InputSpec) -> None:
         )
 
 
-def _form(spec: InputSpec) -> tuple[tuple[int, ...], type[np.generic]]:
+def _shape(spec: InputSpec, batch: int) -> tuple[int, ...]:
     width, height = spec.size_wh
-    shape = (1, 3, height, width) if spec.layout == "nchw" else (1, height, width, 3)
-    return shape, np.float32 if spec.dtype == "float32" else np.uint8
+    return (batch, 3, height, width) if spec.layout == "nchw" else (batch, height, width, 3)
 
 
 def _text(shape: Any) -> str:

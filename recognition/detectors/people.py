@@ -1,15 +1,12 @@
-"""A box network and a pose network as one detector of workers and objects."""
+"""What counts as a person: joints that score, enough of them, and nobody twice."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from recognition.detectors.protocol import BoxDetector, ModelInfo, PoseEstimator
-from recognition.errors import ModelError
-from recognition.observations import ViewDetections
+from recognition.detectors.protocol import People
 from rigcal.errors import OptionError
 from rigcal.geometry import Bools, Floats
 
@@ -37,49 +34,9 @@ class PeopleOptions:
             raise OptionError("duplicate_distance", expected="0 or more and less than 1", got=self.duplicate_distance)
 
 
-class PeopleAndObjects:
-    """Boxes of people go to the pose network, all others are objects; a :class:`recognition.detectors.Detector`.
-
-    Without a pose network boxes of people are objects like any other.
-    """
-
-    def __init__(
-        self, boxes: BoxDetector, poses: PoseEstimator | None = None, *, options: PeopleOptions | None = None
-    ) -> None:
-        if poses is not None and boxes.person_class is None:
-            raise ModelError(
-                "the box network finds no people, so that the pose network has nothing to look at",
-                where=boxes.model_info.name,
-                expected="person_class in its manifest",
-                got="none",
-                do_next="name the class of people in the manifest, or give a box network that finds people",
-            )
-        self._boxes, self._poses, self._options = boxes, poses, options or PeopleOptions()
-
-    @property
-    def model_info(self) -> tuple[ModelInfo, ...]:
-        """The box network, then the pose network where there is one."""
-        return (self._boxes.model_info,) + (() if self._poses is None else (self._poses.model_info,))
-
-    def detect(self, image_bgr: NDArray[np.uint8]) -> ViewDetections:
-        """People, each once, and objects in one image (H, W, 3)."""
-        boxes = self._boxes.boxes(image_bgr)
-        if self._poses is None:
-            people, is_person = np.zeros((0, 17, 3)), np.zeros(len(boxes.classes), dtype=bool)
-        else:
-            is_person = np.array([name == self._boxes.person_class for name in boxes.classes], dtype=bool)
-            person_xyxy = boxes.xyxy[is_person]
-            found = self._poses.poses(image_bgr, person_xyxy)
-            known = known_joints(found, (image_bgr.shape[1], image_bgr.shape[0]), self._options.joint_score)
-            people = distinct_people(known, person_xyxy, self._options)
-        objects = np.flatnonzero(~is_person)
-        return ViewDetections(
-            people[..., :2],
-            people[..., 2],
-            tuple(boxes.classes[idx] for idx in objects),
-            boxes.xyxy[objects],
-            boxes.score[objects],
-        )
+def settled(people: People, size_wh: tuple[int, int], options: PeopleOptions) -> Floats:
+    """Poses (P, 17, 3) of the people who count, each once: x, y, score; NaN, NaN, 0 where a joint is not detected."""
+    return distinct_people(known_joints(people.joints, size_wh, options.joint_score), people.xyxy, options)
 
 
 def known_joints(poses: Floats, size_wh: tuple[int, int], joint_score: float) -> Floats:

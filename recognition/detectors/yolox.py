@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from recognition.detectors.family import BoxFamily
-from recognition.detectors.manifest import BoxManifest
+from recognition.detectors.family import BoxFamily, Layout, Outputs, grid_cells
 from rigcal.geometry import Floats
 
 _STRIDES = (8, 16, 32)
 _LOG_SIZE_LIMIT = 10.0  # e**10 strides is larger than any image, and far from overflow
 
 
-def decode_yolox(output: NDArray[Any], size_wh: tuple[int, int]) -> tuple[Floats, Floats]:
+def decode_yolox(outputs: Outputs, size_wh: tuple[int, int]) -> tuple[Floats, Floats]:
     """Read the raw output of a YOLOX network that was exported without decoding.
 
     Args:
-        output: (1, A, 5 + C): centre within the grid cell, in strides; log of the size in strides; objectness; and
+        outputs: (1, A, 5 + C): centre within the grid cell, in strides; log of the size in strides; objectness; and
             class probabilities. The A cells run row by row over the grids of stride 8, 16, 32.
         size_wh: size of the input.
 
     Returns:
         Boxes (A, 4) in edge coordinates of the input, and scores (A, C): objectness times class probability.
     """
-    raw = output[0].astype(np.float64)
+    raw = outputs[0][0].astype(np.float64)
     cells, stride = _grid(size_wh)
     centre = (raw[:, :2] + cells) * stride
     half = np.exp(np.minimum(raw[:, 2:4], _LOG_SIZE_LIMIT)) * stride / 2
@@ -42,10 +38,8 @@ def _grid(size_wh: tuple[int, int]) -> tuple[Floats, Floats]:
     return np.concatenate(cells).astype(np.float64), np.concatenate(strides)
 
 
-def _output_shape(manifest: BoxManifest) -> tuple[int, ...]:
-    width, height = manifest.input.size_wh
-    cells = sum((width // stride) * (height // stride) for stride in _STRIDES)
-    return (1, cells, 5 + len(manifest.classes))
+def _layouts(size_wh: tuple[int, int], classes: int) -> tuple[Layout, ...]:
+    return (((1, grid_cells(size_wh, _STRIDES), 5 + classes),),)
 
 
-YOLOX = BoxFamily(_output_shape, decode_yolox)
+YOLOX = BoxFamily(_layouts, decode_yolox)

@@ -294,7 +294,6 @@ def test_a_rig_edited_by_hand_is_refused(simulated, tmp_path):
     ("arguments", "words"),
     [
         ((), "nothing to run on"),
-        (("--source", "CAPTURE"), "nothing finds workers in these frames"),
         (("--detections", "D", "--views", "cam9"), "the rig has no camera cam9"),
         (("--detections", "D", "--views", ","), "the rig has no camera (none given)"),
         (("--detections", "MISSING"), "missing.npz"),

@@ -22,7 +22,7 @@ def test_yolox_reads_cells_row_by_row_and_stride_after_stride():
     rng = np.random.default_rng(1)
     cells = [(s, r, c) for s in (8, 16, 32) for r in range(SIZE_WH[1] // s) for c in range(SIZE_WH[0] // s)]
     output = rng.uniform(-1, 1, (1, len(cells), 8)).astype(np.float32)
-    boxes, scores = decode_yolox(output, SIZE_WH)
+    boxes, scores = decode_yolox((output,), SIZE_WH)
     for idx, (stride, row, column) in enumerate(cells):
         dx, dy, log_w, log_h, objectness, *classes = (float(value) for value in output[0, idx])
         x, y, w, h = (column + dx) * stride, (row + dy) * stride, math.exp(log_w) * stride, math.exp(log_h) * stride
@@ -33,14 +33,14 @@ def test_yolox_reads_cells_row_by_row_and_stride_after_stride():
 def test_yolox_survives_sizes_that_overflow():
     output = np.zeros((1, 126, 8), np.float32)
     output[..., 2:4] = 3e38
-    boxes, _ = decode_yolox(output, SIZE_WH)
+    boxes, _ = decode_yolox((output,), SIZE_WH)
     assert np.isfinite(boxes).all()
 
 
 def test_fastestdet_reads_one_box_per_cell():
     rng = np.random.default_rng(2)
     output = rng.uniform(-2, 2, (1, 8, 4, 6)).astype(np.float32)
-    boxes, scores = decode_fastestdet(output, SIZE_WH)
+    boxes, scores = decode_fastestdet((output,), SIZE_WH)
     for row in range(4):
         for column in range(6):
             objectness, dx, dy, w, h, *classes = (float(value) for value in output[0, :, row, column])
@@ -53,7 +53,7 @@ def test_fastestdet_reads_one_box_per_cell():
 def test_movenet_gives_y_before_x():
     output = np.zeros((1, 1, 17, 3), np.float32)
     output[0, 0, 5] = 0.25, 0.75, 0.875
-    joints = decode_movenet(output, (192, 192))
+    joints = decode_movenet((output,), (192, 192))
     assert joints[5] == pytest.approx([144, 48, 0.875])
     assert joints.shape == (17, 3)
 

@@ -1,11 +1,13 @@
-"""Boxes and poses composed into people and objects."""
+"""Boxes, poses and people composed into people and objects."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from recognition.detectors import Boxes, Detector, ModelInfo, PeopleAndObjects, PeopleOptions
+from recognition.detectors import Boxes, Detector, ModelInfo, OneStagePeople, People, PeopleAndObjects, PeopleOptions
 from recognition.errors import ModelError
 from rigcal.errors import OptionError
 
@@ -13,7 +15,7 @@ IMAGE = np.zeros((400, 600, 3), np.uint8)
 
 
 class FakeBoxes:
-    model_info = ModelInfo("boxes.onnx", "0" * 64, "yolox", "MIT")
+    model_info = (ModelInfo("boxes.onnx", "0" * 64, "yolox", "MIT"),)
 
     def __init__(self, *rows, person_class="person"):
         self.rows, self.person_class = rows, person_class
@@ -27,13 +29,24 @@ class FakeBoxes:
 
 
 class FakePoses:
-    model_info = ModelInfo("poses.onnx", "1" * 64, "movenet", "MIT")
+    model_info = (ModelInfo("poses.onnx", "1" * 64, "movenet", "MIT"),)
 
     def __init__(self, *poses):
         self.given, self.asked = np.array(poses).reshape(-1, 17, 3), []
 
     def poses(self, image_bgr, boxes_xyxy):
         self.asked.append(boxes_xyxy)
+        return self.given
+
+
+class FakePeople:
+    model_info = (ModelInfo("people.onnx", "2" * 64, "yolov8_pose", "MIT"),)
+
+    def __init__(self, *poses):
+        joints = np.array(poses).reshape(-1, 17, 3)
+        self.given = People(joints, np.hstack([joints[:, 0, :2], joints[:, -1, :2]]))
+
+    def people(self, image_bgr):
         return self.given
 
 
@@ -124,6 +137,49 @@ def test_the_networks_are_named_for_the_provenance():
     detector: Detector = PeopleAndObjects(FakeBoxes(), FakePoses())
     assert [info.name for info in detector.model_info] == ["boxes.onnx", "poses.onnx"]
     assert [info.name for info in PeopleAndObjects(FakeBoxes()).model_info] == ["boxes.onnx"]
+
+
+def test_a_people_network_needs_no_boxes():
+    detector: Detector = OneStagePeople(FakePeople(pose(100, 100), pose(300, 100)))
+    found = detector.detect(IMAGE)
+    assert found.people_px == pytest.approx(np.array([pose(100, 100), pose(300, 100)])[..., :2])
+    assert found.object_xyxy.shape == (0, 4)
+    assert [info.name for info in detector.model_info] == ["people.onnx"]
+
+
+def test_beside_a_people_network_the_boxes_of_people_are_left_out():
+    detector = OneStagePeople(FakePeople(pose(100, 100)), FakeBoxes(box(100, 100), HAT, box(300, 100)))
+    found = detector.detect(IMAGE)
+    assert len(found.people_px) == 1
+    assert found.object_class == ("hat",)
+    assert found.object_score == pytest.approx([0.6])
+    assert [info.name for info in detector.model_info] == ["boxes.onnx", "people.onnx"]
+
+
+@pytest.mark.parametrize("compose", [
+    PeopleAndObjects,
+    lambda boxes: PeopleAndObjects(boxes, FakePoses(pose(100, 100))),
+    lambda boxes: OneStagePeople(FakePeople(pose(100, 100)), boxes),
+])  # fmt: skip
+def test_keypoints_of_objects_are_passed_on(compose):
+    class WithKeypoints(FakeBoxes):
+        def boxes(self, image_bgr):
+            return replace(super().boxes(image_bgr), keypoints_px=np.arange(16.0).reshape(2, 4, 2))
+
+    found = compose(WithKeypoints(box(100, 100), HAT)).detect(IMAGE)
+    assert found.object_keypoints_px[-1].tolist() == np.arange(8.0, 16.0).reshape(4, 2).tolist()
+    without = compose(FakeBoxes(box(100, 100), HAT)).detect(IMAGE)
+    assert np.isnan(without.object_keypoints_px).all()
+
+
+def test_people_of_one_stage_count_by_the_same_rules():
+    better, worse, unseen = pose(103, 102), pose(100, 100, score=0.5), pose(300, 100, score=0.29)
+    better[3, 2] = 0.29
+    found = OneStagePeople(FakePeople(worse, better, unseen)).detect(IMAGE)
+    assert np.isnan(found.people_px[0]).all(axis=1).nonzero()[0].tolist() == [3]
+    assert len(found.people_px) == 1
+    strict = PeopleOptions(joint_score=0.95)
+    assert len(OneStagePeople(FakePeople(better), options=strict).detect(IMAGE).people_px) == 0
 
 
 def test_a_pose_network_without_anybody_to_look_at_is_refused():

@@ -43,11 +43,11 @@ def openpose_athlete(view, frame_idx):
 @pytest.mark.parametrize(("name", "family"), [("yolox_nano", "yolox"), ("FastestDet", "fastestdet")])
 def test_public_box_networks_need_no_manifest_beside_them(name, family):
     model = load_model(BOX_MODELS[name])
-    assert (model.model_info.family, model.person_class) == (family, "person")
+    assert (model.model_info[0].family, model.person_class) == (family, "person")
 
 
 def test_the_public_pose_network_needs_no_manifest_beside_it():
-    info = load_model(MOVENET).model_info
+    (info,) = load_model(MOVENET).model_info
     assert (info.family, info.licence) == ("movenet", "Apache-2.0")
 
 

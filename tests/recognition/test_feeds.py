@@ -1,5 +1,8 @@
 """Instants to run on: frames with detections, single-camera instants, interpolation for all three kinds of input."""
 
+import os
+from threading import Barrier
+
 import cv2
 import numpy as np
 import pytest
@@ -11,6 +14,7 @@ from recognition.recording import Recorder, check_recording, iter_messages
 from recognition.runtime import RunOptions, run
 from recognition.sources.detections_file import write_detections
 from recognition.synthetic import semicircle_rig
+from rigcal.errors import BrokenFileError
 from rigcal.rigfile import document_of_rig, read_rigfile, rig_of, write_rigfile
 
 START_NS = 1_775_986_200_000_000_000
@@ -54,6 +58,17 @@ class Detector:
 
     def detect(self, image_bgr):
         return box(float(image_bgr[0, 0, 0]) / 20)
+
+
+class OnlyTogether(Detector):
+    """Finds something only while another image is looked at."""
+
+    def __init__(self):
+        self._both = Barrier(2)
+
+    def detect(self, image_bgr):
+        self._both.wait(timeout=10)
+        return super().detect(image_bgr)
 
 
 def lefts(feed):
@@ -179,3 +194,20 @@ def test_a_repeated_instant_is_recorded_and_is_no_scene(rig, tmp_path):
     check = check_recording(tmp_path / "r.mcap")
     assert check.ok, check.findings
     assert check.messages["/cam0/image"] == 4
+
+
+@pytest.mark.skipif(os.cpu_count() == 1, reason="one processor looks at one view at a time")
+def test_the_views_of_an_instant_are_looked_at_together(tmp_path, rig):
+    options = FeedOptions([True, True], 10)
+    feed = open_feed(rig, capture(tmp_path / "c"), None, OnlyTogether(), options)
+    alone = open_feed(rig, tmp_path / "c", None, Detector(), options)
+    assert lefts(feed) == lefts(alone)
+
+
+def test_a_frame_that_cannot_be_decoded_ends_the_run_with_its_reason(tmp_path, rig):
+    path = capture(tmp_path / "c")
+    broken = sorted((path / "cam1").iterdir())[3]
+    broken.write_bytes(b"no image")
+    feed = open_feed(rig, path, None, Detector(), FeedOptions([True, True], 10))
+    with pytest.raises(BrokenFileError, match=broken.name):
+        list(feed.instants)

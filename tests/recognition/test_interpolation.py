@@ -111,6 +111,29 @@ def test_an_object_without_a_partner_stays(box, name):
     assert got.object_xyxy.tolist() == [[0, 0, 20, 20]]
 
 
+def test_keypoints_of_an_object_move_with_it():
+    corners = np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 20.0], [np.nan, np.nan]])
+    now = replace(people(boxes=[[0, 0, 20, 20]], classes=["bucket"]), object_keypoints_px=[corners])
+    then = corners + [[6, 3], [np.nan, np.nan], [400, 0], [0, 0]]  # seen, not seen, somewhere else, never seen
+    after = replace(people(boxes=[[6, 0, 26, 20]], classes=["bucket"]), object_keypoints_px=[then])
+    got = moved(None, now, after, 11.0).object_keypoints_px
+    np.testing.assert_allclose(got, [corners + [[2, 1], [2, 0], [2, 0], [0, 0]]], atol=1e-9)
+
+
+def test_keypoints_of_an_object_without_a_partner_stay():
+    corners = np.array([[[0.0, 0.0], [20.0, 0.0], [20.0, 20.0], [np.nan, np.nan]]])
+    now = replace(people(boxes=[[0, 0, 20, 20]], classes=["bucket"]), object_keypoints_px=corners)
+    np.testing.assert_array_equal(moved(None, now, people()).object_keypoints_px, corners)
+
+
+def test_objects_without_keypoints_have_none():
+    seen = people(boxes=[[0, 0, 20, 20], [30, 0, 50, 20]], classes=["bucket", "cone"])
+    assert seen.object_keypoints_px.shape == (2, 4, 2)
+    assert np.isnan(seen.object_keypoints_px).all()
+    with pytest.raises(ValueError, match=r"object_keypoints_px: expected shape \(2, 4, 2\), got \(1, 4, 2\)"):
+        replace(seen, object_keypoints_px=np.zeros((1, 4, 2)))
+
+
 def instants(times_ms, step_px=(12.0, 0.0), period_ms=33.0):
     """One person who moves in a straight line, before cameras whose frames are at these times (I, V); NaN: none."""
     for number, row in enumerate(times_ms):
