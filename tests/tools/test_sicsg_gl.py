@@ -181,18 +181,18 @@ def test_box_lit_from_above_throws_a_shadow_that_lies_below_it(renderer):
     assert image[beside[1], beside[0]] == pytest.approx(bare[beside[1], beside[0]], rel=0.05)
 
 
-def test_edge_of_a_shadow_is_softer_the_higher_the_object_hangs(renderer):
-    view = looking((0.0, -0.1, 4.5), (0.0, 0.0, 0.0), focal=90.0)
+@pytest.mark.parametrize("height", [0.6, 1.5])
+def test_edge_of_a_shadow_is_as_soft_as_similar_triangles_say(renderer, height):
+    view = looking((0.0, -2.4, 0.5), (0.0, 0.0, 0.0), size=(320, 240), focal=300.0)
     lit = light(lamps=(lamp(0.0, 0.0, 3.0, size=(0.3, 0.3)),), ambient=(0, 0, 0))
-    widths = []
-    for height in (0.1, 1.2):
-        plate = box((-3.0, -0.3, height), (0.0, 0.3, height + 0.02), Material((0.0, 0.0, 0.0)))
-        image = renderer.render([here(floor()), here(plate, 1)], lit, view)[..., 0]
-        bare = renderer.render([here(floor())], lit, view)[..., 0]
-        at = np.round(project(view, np.array([[0.02 * i, 0.0, 0.0] for i in range(60)]))).astype(int)
-        share = image[at[:, 1], at[:, 0]] / bare[at[:, 1], at[:, 0]]
-        widths.append(np.count_nonzero((share > 0.1) & (share < 0.9)))
-    assert widths[1] > widths[0] + 2
+    plate = box((-3.0, -0.6, height), (0.0, 0.6, height + 0.02), Material((0.0, 0.0, 0.0)))
+    image = renderer.render([here(floor()), here(plate, 1)], lit, view)[..., 0]
+    bare = renderer.render([here(floor())], lit, view)[..., 0]
+    x = np.linspace(-0.3, 0.3, 25)
+    at = np.round(project(view, np.stack([x, 0 * x, 0 * x], axis=1))).astype(int)
+    half = 0.15 * height / (3.0 - height)
+    share = image[at[:, 1], at[:, 0]] / bare[at[:, 1], at[:, 0]]
+    assert np.abs(share - np.clip((x + half) / (2 * half), 0.0, 1.0)).mean() < 0.06
 
 
 def test_sun_shines_through_a_hole_and_nowhere_else(renderer):
@@ -275,13 +275,29 @@ def test_pictures_do_not_depend_on_what_was_drawn_before(renderer):
 
 def test_textures_multiply_the_colour_in_linear_light(renderer):
     view = looking((0.0, 0.0, 2.0), (0.0, 0.01, 0.0))
+    lit = light(lamps=(lamp(0, 0, 2.5),), ambient=(0, 0, 0))
     shown = [
-        renderer.render([here(floor(material=Material((0.6, 0.6, 0.6), texture=name)))], light(), view)[60, 77, 0]
+        renderer.render([here(floor(material=Material((0.6, 0.6, 0.6), texture=name)))], lit, view)[60, 77, 0]
         for name in (None, "plain/light", "plain/dark")
     ]
     linear = [((level / 255 + 0.055) / 1.055) ** 2.4 for level in (188, 60)]
     assert shown[1] / shown[0] == pytest.approx(linear[0], rel=0.02)
     assert shown[2] / shown[0] == pytest.approx(linear[1], rel=0.02)
+
+
+def test_ambient_light_takes_the_colour_of_the_room(renderer):
+    view = looking((0.0, -3.0, 1.0), (0.0, 0.0, 0.5))
+    patch = quad(
+        [(-0.3, 0, 0.2), (0.3, 0, 0.2), (0.3, 0, 0.8), (-0.3, 0, 0.8)], Material((0.5, 0.5, 0.5), roughness=1.0)
+    )
+    seen = []
+    for colour in ((0.4, 0.4, 0.4), (0.5, 0.25, 0.15), (0.1, 0.1, 0.1)):
+        walls = here(floor(material=Material(colour, roughness=1.0)))
+        seen.append(renderer.render([walls, here(patch, 1)], light(), view)[60, 77])
+    grey, brick, dark = seen
+    assert brick[0] / brick[2] > 2.0
+    assert grey[0] == pytest.approx(grey[2], rel=1e-3)
+    assert dark[0] < 0.4 * grey[0]
 
 
 def test_too_many_lamps_and_textures_are_refused_with_what_to_do(renderer):

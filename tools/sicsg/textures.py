@@ -35,7 +35,7 @@ TILE_M = {
 """Metres that one image of the kind covers in nature (bricks of 25 cm): ``Material.texture_m``."""
 
 
-@lru_cache(maxsize=160)
+@lru_cache(maxsize=512)
 def texture(name: str) -> NDArray[np.uint8]:
     """The image (512, 512, 3) RGB of ``"kind/number"``; read-only, kept for the next caller.
 

@@ -1,10 +1,17 @@
 """The fast path: instances to linear radiance, ids and depth by OpenGL without a window.
 
 A rasteriser instead of a path tracer, for bulk data on CPUs: rectangular lamps and windows of which three have soft
-shadows, sun with a shadow map, a uniform surround with screen-space ambient occlusion in place of further bounces. On
-llvmpipe shading is what costs, and samples along edges are nearly free; so the light is found at half size and
-surfaces are drawn under it at full size, with four samples along edges. Glass is drawn last; in the id and depth
-passes it is opaque. Pictures are drawn with the image's first row in the framebuffer's first row: nothing is flipped.
+shadows, sun with a shadow map, a uniform surround with screen-space ambient occlusion in place of further bounces.
+Glass is drawn last; in the id and depth passes it is opaque. Pictures are drawn with the image's first row in the
+framebuffer's first row: nothing is flipped.
+
+On llvmpipe shading is what costs, and samples along edges are nearly free. So the light is found at half size, and
+surfaces are drawn under it at full size with four samples along edges: 0.40 s of CPU at 1280x720 (48,000 triangles, ten
+lamps and windows) where light at full size took 1.0 s; 0.77 s at 1920x1080; 0.1 s more when something has moved and
+shadow maps are made again; 0.03 s for the passes. The first picture with a new number of lamps and windows takes one to
+three seconds more, for compiling. Against the path tracer, on one view of each of four scenes, the logarithm of
+radiance correlates by 0.96 (indoor), 0.75 (back-lit), 0.86 (over-exposed) and 0.92 (dusk): least where daylight
+comes by many windows, of which one throws shadows.
 """
 
 from __future__ import annotations
@@ -20,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tools.sicsg.mesh import Instance, View
-from tools.sicsg.rendering.gl_draw import columns, drawn_near_first, start
+from tools.sicsg.rendering.gl_draw import columns, drawn_near_first, in_view, start
 from tools.sicsg.rendering.gl_meshes import MeshStore, Tiles, TileStore
 from tools.sicsg.rendering.gl_shaders import assign, compiled
 from tools.sicsg.rendering.gl_shading import Shading, clip_from_world
@@ -98,8 +105,9 @@ class GlRenderer:
             target = self._kept(self._radiance, Radiance.new, (width, height))
             things = drawn_near_first(instances, view, self._meshes)
             lit = self._shadows.cast(things, light)
-            self._shading.light(things, lit, view, target)
-            self._shading.surfaces(things, lit, view, target, self._tiles.ready())
+            shown = in_view(things, clip_from_world(view))
+            self._shading.light(shown, lit, view, target)
+            self._shading.surfaces(shown, lit, view, target, self._tiles.ready())
             self._context.copy_framebuffer(target.resolved, target.drawn)
             pixels = np.frombuffer(target.resolved.read(components=4, dtype="f2"), np.float16)
         image = pixels.reshape(height, width, 4)[:, :, :3].astype(np.float32)
@@ -123,9 +131,9 @@ class GlRenderer:
             target = self._kept(self._passed, PassesTarget.new, (width, height)).drawn
             start(self._context, target)
             target.clear(color=(0.0, 0.0, 0.0, 0.0))
-            row, clip = tuple(view.cam_from_world[2]), columns(clip_from_world(view))
-            assign(self._passes, depth_row=row, clip_from_world=clip)
-            for thing in drawn_near_first(instances, view, self._meshes):
+            clip = clip_from_world(view)
+            assign(self._passes, depth_row=tuple(view.cam_from_world[2]), clip_from_world=columns(clip))
+            for thing in in_view(drawn_near_first(instances, view, self._meshes), clip):
                 assign(self._passes, entity=thing.instance.entity)
                 thing.draw(self._context, self._passes, thing.whole)
             read = [target.read(components=1, attachment=i, dtype=kind) for i, kind in enumerate(("i4", "f4"))]

@@ -15,6 +15,7 @@ from tools.sicsg.rendering.gl_shaders import assign
 
 Floats = NDArray[np.float64]
 OUTDOORS_M = 45.0
+"""What is larger than it is no room."""
 Part = tuple[int, int]
 """First corner and number of corners."""
 
@@ -29,6 +30,8 @@ class Drawn:
     """``world_from_mesh`` as OpenGL reads it."""
     turned: bytes
     """Likewise for normals."""
+    box_m: Floats
+    """(8, 3) corners of its box in the world."""
 
     @property
     def whole(self) -> Part:
@@ -54,12 +57,6 @@ class Drawn:
     def glass(self) -> Part:
         """What is glass."""
         return self.mesh.layout.opaque, len(self.mesh.layout.corners) - self.mesh.layout.opaque
-
-    @property
-    def box_m(self) -> Floats:
-        """(8, 3) corners of its box in the world."""
-        matrix = self.instance.world_from_mesh
-        return np.asarray(self.mesh.box_m @ matrix[:3, :3].T + matrix[:3, 3], dtype=np.float64)
 
     @property
     def outdoors(self) -> bool:
@@ -88,8 +85,20 @@ def drawn_near_first(instances: Sequence[Instance], view: View, meshes: MeshStor
 
 
 def _ready(instance: Instance, mesh: GpuMesh) -> Drawn:
-    normal = np.linalg.inv(instance.world_from_mesh[:3, :3]).T
-    return Drawn(instance, mesh, columns(instance.world_from_mesh), columns(normal))
+    matrix = instance.world_from_mesh
+    box = np.asarray(mesh.box_m @ matrix[:3, :3].T + matrix[:3, 3], dtype=np.float64)
+    return Drawn(instance, mesh, columns(matrix), columns(np.linalg.inv(matrix[:3, :3]).T), box)
+
+
+def in_view(things: Sequence[Drawn], clip_from_world: Floats) -> list[Drawn]:
+    """Those of which the box is not beyond one of the view's sides."""
+    kept = []
+    for thing in things:
+        clip = thing.box_m @ clip_from_world[:, :3].T + clip_from_world[:, 3]
+        x, y, w = clip[:, 0], clip[:, 1], clip[:, 3]
+        if not any(beyond.all() for beyond in (x < -w, x > w, y < -w, y > w, w < 0)):
+            kept.append(thing)
+    return kept
 
 
 def start(context: moderngl.Context, target: moderngl.Framebuffer) -> None:

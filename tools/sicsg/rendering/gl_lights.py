@@ -22,6 +22,7 @@ SHADOW_FAR_M = 40.0
 FAINT = 0.03
 """Share of the windows' light below which lamps cast no shadow."""
 SKYLIGHT = np.array([0.88, 0.97, 1.1])
+HAND_M = 0.1
 PANE = 0.85
 """Share of the light that a pane lets through."""
 
@@ -149,6 +150,7 @@ def windows(instances: Sequence[Instance], sky: float) -> list[Rectangle]:
         for instance in instances
         if instance.entity == 0
         for corners in _panes(instance.mesh, instance.world_from_mesh)
+        if _upright(corners)
     ]
 
 
@@ -187,6 +189,12 @@ def _panes(mesh: Mesh, world_from_mesh: Floats) -> list[Floats]:
     world = used @ world_from_mesh[:3, :3].T + world_from_mesh[:3, 3]
     touched = np.unique(edges)
     return [world[touched[labels[touched] == label]] for label in np.unique(labels[touched])]
+
+
+def _upright(corners_m: Floats) -> bool:
+    """Whether it is flat, along a wall, and larger than a hand."""
+    x, y, z = np.ptp(corners_m, axis=0)
+    return bool(min(x, y) < HAND_M < min(max(x, y), z))
 
 
 def _pane(corners_m: Floats, sky: float) -> Rectangle:

@@ -15,8 +15,8 @@ from scipy.sparse import csr_matrix
 from tools.sicsg.mesh import Material, Mesh
 
 Tiles = Callable[[str], NDArray[np.uint8]]
-KEPT_MESHES = 600
-"""Meshes kept at most: a scene has about a hundred, and four workers are new in every frame."""
+KEPT_MESHES = 300
+"""Meshes kept at most: a scene has about fifty, and four workers of 0.7 MB are new in every frame."""
 KEPT_TILES = 96
 """Textures kept at most, 1.4 MB each."""
 TILE_PX = 512
@@ -139,6 +139,8 @@ class MeshStore:
     def _forget(self) -> None:
         for mesh in self._meshes.values():
             mesh.release()
+        for layout in self._layouts.values():
+            layout.surfaces.release()
         self._meshes.clear()
         self._layouts.clear()
         self._tiles.forget()

@@ -1,8 +1,7 @@
 """The shaders of the fast path, read from the GLSL files beside this module and compiled once per renderer.
 
 llvmpipe reads a constant at an index that it knows quickly and any other one lane by lane, and runs both sides of
-every branch. So the loop over lamps is written out, and what matte surfaces do not need is left out of their program:
-at 1280x720 with six lamps that took the shading from 0.6 s to 0.1 s on two cores.
+every branch. So the loop over lamps is written out, and what matte surfaces do not need is left out of their program.
 """
 
 from __future__ import annotations

@@ -17,8 +17,11 @@ from tools.sicsg.scene import Light
 
 Floats = NDArray[np.float64]
 LAMP_PX, SUN_PX = 1024, 2048
+"""Edges of the maps: 2 cm a pixel on the floor below a lamp, 1 cm under the sun."""
 NOTHING_M = 1000.0
+"""Depth where there is nothing."""
 SUPPOSED = 0.4
+"""Share of the light that a room's surfaces send on, as light rigs have it."""
 LEFT = 0.88
 """Of the light that surfaces send on, what gaps and openings do not swallow; so set that the mean radiance of a room
 under lamps is that of the path tracer."""
@@ -61,7 +64,7 @@ class Shadows:
 
     def cast(self, things: Sequence[Drawn], light: Light) -> Lit:
         """The lights, their maps made unless they are those of the same things under the same light."""
-        key = (light, {(thing.instance.mesh, thing.placed) for thing in things})
+        key = (light, {(thing.instance.mesh, thing.instance.entity, thing.placed) for thing in things})
         if key != self._key:
             self._lit = self._cast(things, light)
             self._key = key

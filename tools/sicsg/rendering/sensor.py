@@ -22,16 +22,19 @@ LUMA = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 MIDDLE = 0.17
 """Exposed signal that a metered mean becomes."""
 HIGHLIGHTS = {"indoor": 2.5, "backlight": 6.0, "overexposed": 2.5, "dusk": 4.0}
-"""Where metering cuts off bright parts, in medians of the picture: hardly at all when the windows are metered."""
+"""Where metering cuts off bright parts, in medians of the picture: late when the windows are what is metered."""
 FULL_WELL = 9000.0
-"""Electrons of the signal 1 at gain 1."""
+"""Electrons of the signal 1 at gain 1: a small sensor's pixel."""
 READ_NOISE = 4.0
 """Electrons."""
 BRIGHT_ENOUGH = 0.35
 """Exposure up to which no gain is needed: that of a normally lit room."""
 WHITE = 1.4
 """Exposed signal that becomes white: three stops over the middle."""
-MAX_GAIN = 10.0
+MAX_GAIN = 6.0
+"""In the darkest scenes; more, and the picture is of noise."""
+KNEE = 1.7
+"""Exponent of the curve's shoulder: its slope at black is KNEE / WHITE."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,10 +142,10 @@ def _developed(signal: Image, habit: Habits) -> NDArray[np.uint8]:
 
 
 def _curve(signal: Image) -> Image:
-    """sRGB values 0..1 of exposed signals, by a table: shadows a little deeper, highlights rolled off to ``WHITE``."""
+    """sRGB values 0..1 of exposed signals, by a table: highlights are rolled off to ``WHITE``."""
     steps = np.linspace(0.0, 1.0, 4096)
     linear = WHITE * steps**2
-    rolled = 1.0 - (1.0 - linear / WHITE) ** 1.7
+    rolled = 1.0 - (1.0 - linear / WHITE) ** KNEE
     srgb = np.where(rolled <= 0.0031308, 12.92 * rolled, 1.055 * np.maximum(rolled, 1e-9) ** (1 / 2.4) - 0.055)
     index = np.sqrt(np.clip(signal / np.float32(WHITE), 0.0, 1.0)) * np.float32(4095)
     return srgb.astype(np.float32)[(index + np.float32(0.5)).astype(np.int32)]
