@@ -94,9 +94,12 @@ def make_sequence(scene: Scene, folder: Path, renderer: Renderer, passes: GlRend
     together = all(np.array_equal(own[:count], times[scene.cameras[0].id][:count]) for own in times.values())
     for frame in range(count):
         if together:
-            pictures = photographer.take(scene.cameras, float(times[scene.cameras[0].id][frame]))
+            pictures = photographer.take(scene.cameras, float(times[scene.cameras[0].id][frame]), hidden_parts=True)
         else:
-            pictures = [photographer.take([camera], float(times[camera.id][frame]))[0] for camera in scene.cameras]
+            pictures = [
+                photographer.take([camera], float(times[camera.id][frame]), hidden_parts=True)[0]
+                for camera in scene.cameras
+            ]
         for picture in pictures:
             videos[picture.camera.id].add(picture.image_bgr)
         taken.append(pictures)
@@ -188,7 +191,8 @@ def arrays_of(scene: Scene, taken: list[list[Picture]]) -> dict[str, NDArray[Any
     ``object_m (F, T, 3)`` middle of the mesh's box, ``object_keypoints_m (F, T, 4, 3)`` (NaN: none);
     per view, at the view's own time: ``joints_px (F, V, W, 17, 2)``, ``joints_seen (F, V, W, 17)`` (0 outside,
     1 occluded, 2 self-occluded, 3 visible), ``worker_xyxy (F, V, W, 4)`` and ``object_xyxy (F, V, T, 4)`` boxes of
-    what the id pass shows (NaN: nothing), ``worker_pixels``, ``object_pixels (F, V, T)``.
+    what the id pass shows (NaN: nothing), ``worker_pixels``, ``object_pixels (F, V, T)``, and about how many they would
+    be if nothing stood before them: ``worker_full_pixels (F, V, W)``, ``object_full_pixels (F, V, T)``.
     """
     worlds = [moment(scene, pictures[0].t_s) for pictures in taken]
     boxes = [item(t.category, t.variant).mesh.vertices_m for t in scene.things]
@@ -216,4 +220,6 @@ def arrays_of(scene: Scene, taken: list[list[Picture]]) -> dict[str, NDArray[Any
         "worker_pixels": per_view(lambda p: [one.pixels for one in p.people]),
         "object_xyxy": per_view(lambda p: [nothing if one.box is None else one.box for one in p.things]),
         "object_pixels": per_view(lambda p: [one.pixels for one in p.things]),
+        "worker_full_pixels": per_view(lambda p: [p.full_pixels[one.id] for one in p.people]),
+        "object_full_pixels": per_view(lambda p: [p.full_pixels[one.id] for one in p.things]),
     }

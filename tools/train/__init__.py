@@ -1,19 +1,33 @@
-"""Trains the bundled networks from rendered scenes, exports them to ONNX and measures what they find.
+"""Trains the bundled networks from rendered scenes, exports them to ONNX, measures what they find and packages them.
 
     python -m tools.train fit --network site --data out/sicsg/train --out out/train/site
-    python -m tools.train export --network site --data out/sicsg/train --out out/train/site
-    python -m tools.train evaluate --site site.onnx --worker worker.onnx --data out/sicsg/train
+    python -m tools.train export --data out/sicsg/train --out out/train/site
+    python -m tools.train evaluate --site out/train/site --worker out/train/worker --data out/sicsg/train
+    python -m tools.train package --site out/train/site --worker out/train/worker --data out/sicsg/train
+    python -m tools.train thresholds --data out/sicsg/train
+    python -m tools.train measure --sequences out/sicsg/sequences/test
+    python -m tools.train gap
+    python -m tools.train saving --all out/train/worker --rules out/train/worker_rules --data out/sicsg/train
+    python -m tools.train card
 
-Only ``networks``, ``assign``, ``losses``, ``samples``, ``fit`` and ``export`` need torch and onnx, which have an
-environment of their own; the rest is NumPy and OpenCV. In import order::
+``fit`` and ``export`` need torch and onnx, which have an environment of their own (``constraints.txt``); all else runs
+in the project's. What the networks' outputs mean is defined where they are used: ``recognition.detectors.bundled``.
+In import order::
 
-    geometry    coordinates: letterbox, the worker's crop, joints and their mirror images
-    decode      from the networks' outputs to detections: the definition of the outputs
+    geometry    letterbox, joints of the rules, mirror images
     metrics     average precision, joint similarity
     coco        the data file, checked
     warp        augmentation of places: scale, shift, mirror, turn, two images as one
     cache       decoded images and crops of workers in memory maps
     pixels      augmentation of colours: light, blur, noise, compression, holes
     networks, assign, losses, samples, lanes, fit, export
-    evaluate    the exported networks against the truth
+    facts       files of figures
+    package     the files that the package ships, with their manifests
+    predict     the packaged networks over pictures
+    evaluate    what they find, against the truth
+    thresholds  what counts as found
+    sequences, joints3d, measure: evaluation sequences, in pictures and in the world
+    gap         real people
+    saving      a network of fewer joints
+    card        the model card
 """

@@ -19,7 +19,7 @@ from tools.train.cache import read_image
 from tools.train.coco import Category, DataSet, Picture, Truth
 from tools.train.geometry import letterbox
 from tools.train.metrics import THRESHOLDS, Scored, average_precision, joint_similarity
-from tools.train.predict import Found, Networks
+from tools.train.predict import Found, Networks, SiteAlone
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def decoded(data: DataSet) -> Iterator[tuple[Picture, NDArray[np.uint8]]]:
 
 
 def run(
-    networks: Networks, pictures: Iterable[tuple[Picture, NDArray[np.uint8]]], say: Callable[[str], None]
+    networks: Networks | SiteAlone, pictures: Iterable[tuple[Picture, NDArray[np.uint8]]], say: Callable[[str], None]
 ) -> tuple[list[Result], float]:
     """Results of all pictures, and milliseconds per picture after decoding."""
     results, spent = [], 0.0
@@ -181,7 +181,7 @@ def keypoint_errors(results: Sequence[Result], categories: Sequence[Category]) -
             for which in np.flatnonzero(~scored.ignored):
                 if len(keypoints) and scored.similarity[:, which].max() >= 0.5:
                     best = keypoints[scored.similarity[:, which].argmax()]
-                    known = points[which, :, 2] > 0
+                    known = (points[which, :, 2] > 0) & np.isfinite(best[:, 0])
                     distances.append(np.linalg.norm(best - points[which, :, :2], axis=1)[known])
         errors[category.name] = _quantiles(np.concatenate(distances))
     return errors
@@ -210,7 +210,17 @@ def summary(parts: dict[str, Any]) -> str:
 
 def mean_ap50(figures: dict[str, Any]) -> float:
     """Over the classes that are asked for."""
-    return float(np.mean([row["ap50"] for row in figures["classes"].values() if row["asked"]] or [np.nan]))
+    return mean_of(figures, asked_in(figures), "ap50")
+
+
+def asked_in(*groups: dict[str, Any]) -> list[str]:
+    """Classes that are asked for in all of these groups of pictures."""
+    return [name for name in groups[0]["classes"] if all(group["classes"][name]["asked"] for group in groups)]
+
+
+def mean_of(figures: dict[str, Any], names: Sequence[str], key: str) -> float:
+    """Mean of one figure of some classes; NaN of none."""
+    return float(np.mean([figures["classes"][name][key] for name in names] or [np.nan]))
 
 
 def table(figures: dict[str, Any]) -> str:

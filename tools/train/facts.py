@@ -15,6 +15,8 @@ MODELS = Path(__file__).parents[2] / "recognition" / "models"
 """Where the networks lie that come with the package."""
 FIGURES = Path("out/train")
 """Where figures lie unless a command is told otherwise, from the repository's root."""
+REAL = Path(__file__).parents[3] / "shared" / "data" / "recognition" / "pose2sim_multi"
+"""A capture of real people, where there is one beside the repository."""
 NETWORKS = ("site", "worker")
 PRECISIONS = ("fp32", "int8")
 _DIGITS = 5

@@ -19,7 +19,7 @@ from torch import nn
 from recognition.observations import JOINTS
 from tools.train.cache import CACHED_WH, site_cache, worker_cache
 from tools.train.coco import DataError, read_split
-from tools.train.geometry import RULE_JOINTS
+from tools.train.geometry import WORKER_JOINTS
 from tools.train.lanes import Lanes, Loss
 from tools.train.losses import SiteLoss, WorkerLoss
 from tools.train.networks import SiteNetwork, WorkerNetwork
@@ -49,7 +49,7 @@ class FitOptions:
 
     def joint_names(self) -> tuple[str, ...]:
         """Joints that the worker network gives, in their order."""
-        return JOINTS if self.joints == "all" else RULE_JOINTS
+        return WORKER_JOINTS[self.joints]
 
 
 class Average:

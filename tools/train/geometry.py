@@ -6,12 +6,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from recognition.detectors.bundled.geometry import Placing
+from recognition.observations import JOINTS
 
 RULE_JOINTS = (
     "nose", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_wrist", "right_wrist", "left_hip",
     "right_hip", "left_ankle", "right_ankle",
 )  # fmt: skip
 """What the rules look at: head, shoulders, hands, hips, feet."""
+WORKER_JOINTS = {"all": JOINTS, "rules": RULE_JOINTS}
+"""Joints that a worker network gives, in their order, by what its training was asked for."""
 
 
 def letterbox(image_wh: ArrayLike, input_wh: ArrayLike) -> Placing:

@@ -1,7 +1,7 @@
 """From exported networks to what the package ships: ONNX files with their manifests.
 
-``recognition/models/`` gets ``site.onnx``, ``site_int8.onnx``, ``worker.onnx``, ``worker_int8.onnx`` and a ``.toml`` beside
-each. Thresholds are :data:`PRELIMINARY` until ``python -m tools.train thresholds`` has chosen them.
+``recognition/models/`` gets ``site.onnx``, ``site_int8.onnx``, ``worker.onnx``, ``worker_int8.onnx`` and a ``.toml``
+beside each. Thresholds are :func:`preliminary` until ``python -m tools.train thresholds`` has chosen them.
 """
 
 from __future__ import annotations
@@ -19,10 +19,9 @@ from typing import Any
 import tomli_w
 
 from recognition.detectors.people import PeopleOptions
-from recognition.observations import JOINTS
 from tools.train.coco import DataError, DataSet, read_split
 from tools.train.facts import NETWORKS, PRECISIONS, digest, read_facts, stem
-from tools.train.geometry import RULE_JOINTS
+from tools.train.geometry import WORKER_JOINTS
 
 NOTICE = (
     "not validated on real people: trained and measured on rendered workers only; see MODEL_CARD.md for what it misses "
@@ -151,8 +150,7 @@ def _site(train: DataSet) -> dict[str, Any]:
 
 
 def _worker(summary: dict[str, Any]) -> dict[str, Any]:
-    joints = JOINTS if summary["options"]["joints"] == "all" else RULE_JOINTS
-    return {"family": "rigcal_worker", "joints": list(joints)}
+    return {"family": "rigcal_worker", "joints": list(WORKER_JOINTS[summary["options"]["joints"]])}
 
 
 def _command(summary: dict[str, Any], folder: Path, data: Path) -> str:

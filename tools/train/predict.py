@@ -8,11 +8,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import onnxruntime
 from numpy.typing import NDArray
 
 from recognition.detectors.bundled import BundledDetector, load_bundled
+from recognition.detectors.bundled.decode import decode_site
+from recognition.detectors.bundled.images import site_input
 from recognition.detectors.bundled.manifests import HARD_HAT, PERSON
 from rigcal.geometry import Floats
+from tools.train.coco import DataError
 from tools.train.facts import NETWORKS, digests, stem
 from tools.train.package import Thresholds, read_toml, write_thresholds
 
@@ -54,6 +58,45 @@ class Networks:
         return Found(classes, boxes.score, boxes.xyxy + 0.5, joints, boxes.keypoints_px + 0.5)
 
 
+class SiteAlone:
+    """An exported site network that no worker network helps."""
+
+    def __init__(self, path: Path) -> None:
+        """Load an ONNX file.
+
+        Raises:
+            DataError: where there is none.
+        """
+        self._session = session(path)
+
+    def find(self, image: NDArray[np.uint8]) -> Found:
+        """Everything in one picture (H, W, 3) BGR, by falling score; joints score by how surely they are visible."""
+        fit = site_input(image)
+        scores, places = self._session.run(None, {"image": fit.tensor})
+        found = decode_site(scores[0], places[0], threshold=_OTHERS)
+        joints = np.where((found.classes == 0)[:, None, None], found.joints, 0.0)
+        joints[..., :2] = fit.image_px(joints[..., :2]) + 0.5
+        boxes, keypoints = fit.image_xyxy(found.boxes) + 0.5, fit.image_px(found.keypoints) + 0.5
+        return Found(found.classes, found.scores, boxes, joints, keypoints)
+
+
+def session(path: Path) -> onnxruntime.InferenceSession:
+    """A network that runs in one thread.
+
+    Raises:
+        DataError: where there is none.
+    """
+    if not path.is_file():
+        raise DataError(
+            "there is no network", where=path, expected="an ONNX file", got="no file",
+            do_next="Export it first: python -m tools.train export --help.",
+        )  # fmt: skip
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+
+
 def classes_of(models: Path, precision: str) -> tuple[str, ...]:
     """Classes of the site network of a folder."""
     return tuple(read_toml(models / f"{stem('site', precision)}.toml")["classes"])
@@ -62,7 +105,7 @@ def classes_of(models: Path, precision: str) -> tuple[str, ...]:
 def open_thresholds(models: Path, precision: str) -> Thresholds:
     """So low that average precision can be counted, and every joint has a place.
 
-    Which network a joint is taken from, and which hats of crops count, stay as the manifest of the worker network says.
+    From which score on a joint is the worker network's stays as its manifest says.
     """
     worker = read_toml(models / f"{stem('worker', precision)}.toml")
     classes = dict.fromkeys(classes_of(models, precision), _OTHERS) | {PERSON: _PERSON}
