@@ -47,5 +47,5 @@ def test_the_readme_names_only_commands_and_files_that_exist():
         assert used <= commands, used - commands
     for path in re.findall(r"`((?:rigcal|recognition|rig_configs|tests|tools)/[\w./-]+)`", readme):
         assert (ROOT / path).exists(), path
-    for target in re.findall(r"^make (\w+)|`make (\w+)`", readme, re.MULTILINE):
+    for target in re.findall(r"^make ([\w-]+)|`make ([\w-]+)`", readme, re.MULTILINE):
         assert f"\n{target[0] or target[1]}:" in (ROOT / "Makefile").read_text()

@@ -235,6 +235,14 @@ def test_pane_passes_coloured_light_and_is_opaque_in_ids_and_depth(renderer):
     assert depth[60, 77] == pytest.approx(3.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("transmission", [0.0, 0.9])
+def test_a_surface_seen_head_on_everywhere_has_no_pixel_without_a_value(renderer, transmission):
+    glossy = Material((0.8, 0.8, 0.8), roughness=0.2, metallic=0.5, transmission=transmission)
+    around = ball((0.0, 0.0, 0.0), 2.0, glossy)
+    view = looking((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    assert np.isfinite(renderer.render([here(around)], light(lamps=(lamp(0.5, 0.5, 1.0),)), view)).all()
+
+
 def test_moved_vertices_show_although_everything_else_is_kept(renderer):
     view = looking((0.0, -3.0, 1.0), (0.0, 0.0, 1.0))
     one = box((-0.3, -0.3, 0.7), (0.3, 0.3, 1.3))

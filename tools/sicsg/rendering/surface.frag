@@ -36,7 +36,7 @@ void main() {
     // Schlick's reflectance, less at grazing angles the rougher the surface (Lagarde, 2011).
     float facing = abs(dot(normalize(eye - v_world), normal));
     vec3 f0 = mix(vec3(0.04), albedo, v_finish.y), f90 = max(vec3(1.0 - v_finish.x), f0);
-    radiance += (f0 + (f90 - f0) * pow(1.0 - facing, 5.0)) * texture(mirrored, place).rgb;
+    radiance += (f0 + (f90 - f0) * pow(max(1.0 - facing, 0.0), 5.0)) * texture(mirrored, place).rgb;
 #endif
     out_radiance = vec4(radiance, 1.0);
 }
