@@ -3,10 +3,10 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 READY := .venv/ready
 
-.PHONY: demo test lint bench bench-calibration bench-sync constraints clean
+.PHONY: demo test lint bench bench-calibration bench-sync constraints sicsg-env train-env clean
 
 demo: $(READY)
-	$(BIN)/python tools/demo.py out/demo
+	$(BIN)/python -m tools.demo out/demo
 
 test: $(READY)
 	$(BIN)/python -m pytest -n 2 --dist loadfile
@@ -39,5 +39,21 @@ constraints:
 	uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 --generate-hashes --upgrade \
 		--no-emit-index-url --no-emit-find-links --no-annotate --no-header --output-file constraints.txt
 
+# Blender as a module, for the path tracer of tools/sicsg; it needs an older NumPy, so an environment of its own.
+sicsg-env: .venv-sicsg/ready
+.venv-sicsg/ready: tools/sicsg/blender/constraints.txt
+	$(PYTHON) -m venv .venv-sicsg
+	.venv-sicsg/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --requirement $<
+	touch $@
+
+# PyTorch (build for CPUs) and ONNX beside the project, for tools/train.
+train-env: .venv-train/ready
+.venv-train/ready: tools/train/constraints.txt constraints.txt
+	$(PYTHON) -m venv .venv-train
+	.venv-train/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes \
+		--requirement constraints.txt --requirement tools/train/constraints.txt
+	.venv-train/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
+	touch $@
+
 clean:
-	rm -rf .venv out .cache dist
+	rm -rf .venv .venv-sicsg .venv-train out .cache dist

@@ -1,9 +1,9 @@
-"""The main job from end to end on a simulated site: board images in, validated rig file, workers in 3D, recorded.
+"""The whole product on a simulated site: board videos in, a validated rig, clocks, workers in 3D, a recording, a page.
 
-Renders the captures that a technician would make and simulates the detections that networks would give, then runs the
-real commands on those files. Since the site is simulated, it ends with how far the results are from the truth.
+Runs the commands that a technician and an operator would run on what they would bring home (``rig_configs/demo``), and
+ends with how far the results are from the truth, which is known because the site is simulated.
 
-    python tools/demo.py out/demo
+    python -m tools.demo out/demo
 """
 
 from __future__ import annotations
@@ -12,35 +12,18 @@ import shutil
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 from pathlib import Path
 
-import cv2
-import numpy as np
+from recognition.recording import iter_messages
+from rigcal.rigfile import read_rigfile
+from rigcal.sync.log import read_exchanges
+from tools.demo_page import Results, Step, ground_tracks, shown_instants, write_page
+from tools.demo_pictures import pictures_at
+from tools.demo_truth import camera_errors, clock_errors, floor_error, objects_found, read_truth, workers_found
 
-from recognition.sources.detections_file import write_detections
-from recognition.synthetic import simulate
-from recognition.synthetic_views import DetectorNoise, observe, with_noise
-from rigcal.board import Board
-from rigcal.geometry import Pose
-from rigcal.rig import Rig
-from rigcal.rigfile import read_rigfile, rig_of
-from rigcal.site import load_site
-from rigcal.synthetic import (
-    BoardRenderer,
-    arc_rig,
-    board_poses_for_camera,
-    board_poses_for_pair,
-    draw_board,
-    room_background,
-)
-
-SITE = Path(__file__).parents[1] / "rig_configs" / "demo.site.toml"
-SHARED, SINGLE = 14, 6
-"""Board positions shown to each pair of neighbours, and to each camera alone."""
-FRAMES, FPS = 300, 30.0
-NOISE = DetectorNoise(pixel_sigma=3.0, missing_joint=0.05, missed=0.03, false_per_view=0.1)
+SITE = Path("rig_configs/demo")
+FLOOR_BOARD = "5mm"
+"""Thickness of the board's plate."""
 
 
 def main(folder: Path) -> int:
@@ -48,95 +31,90 @@ def main(folder: Path) -> int:
     started = time.monotonic()
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    site = load_site(SITE)
-    board = site.calibration_board
-    if board is None:
-        raise SystemExit(f"{SITE} names no board")
-    rig = arc_rig(len(site.cameras), size_wh=(1280, 720), seed=7)
-    capture, rig_file, recording = folder / "boards", folder / "demo.rig.json", folder / "demo.mcap"
-    say(f"Rendering board captures of a simulated site with {len(rig.cameras)} cameras into {capture}")
-    render_captures(rig, board, capture)
-    command("rigcal", "calibrate", capture, "--site", SITE, "-o", rig_file)
-    command("rigcal", "validate", rig_file)
-    command("rigcal", "report", rig_file, "-o", folder / "demo.report.html")
-    say("Simulating what networks would detect of four workers and their tools for ten seconds")
-    simulate_detections(rig, folder / "detections.npz")
-    command(
-        "recognition", "run", rig_file, "--detections", folder / "detections.npz", "-o", recording,
-        "--poses", folder / "poses.npz",
-    )  # fmt: skip
-    command("recognition", "check", recording)
-    compare(rig, rig_of(read_rigfile(rig_file)), folder / "poses.npz")
+    rig, recording, poses, page = (folder / name for name in ("demo.rig.json", "demo.mcap", "poses.npz", "index.html"))
+    site, log, work = SITE / "demo.site.toml", SITE / "clock_probes.csv", SITE / "work"
+    steps = [
+        command("rigcal", "calibrate", SITE / "boards", "--site", site, "-o", rig),
+        command("rigcal", "world", rig, "--floor-board", SITE / "floor", "--thickness", FLOOR_BOARD, "-o", rig),
+        command("rigcal", "sync", "probe", site, "--rig", rig, "--from-log", log),
+        command("rigcal", "validate", rig),
+        command("rigcal", "report", rig, "-o", folder / "demo.report.html"),
+        command(
+            "rigcal", "sync", "report", work, "--rig", rig, "--site", site, "--log", log,
+            "-o", folder / "clocks.html",
+        ),
+        command("recognition", "run", rig, "--source", work, "-o", recording, "--poses", poses),
+        command("recognition", "check", recording),
+    ]  # fmt: skip
+    say("Comparing with the truth")
+    compared = time.monotonic()
+    results = evaluate(rig, recording, poses, steps)
+    instants = [at for at, _ in shown_instants(results.truth)]
+    write_page(results, pictures_at(results.truth, work, recording, instants), page)
+    tell(results)
+    print(f"  comparing and drawing the page took {time.monotonic() - compared:.0f} s")
     say(f"Done in {time.monotonic() - started:.0f} s. Look at:")
-    print(f"  rig file   {rig_file}")
-    print(f"  report     {folder / 'demo.report.html'}   (any browser)")
-    print(f"  recording  {recording}   (Foxglove)")
+    print(f"  everything in one page  {page}   (any browser)")
+    print(f"  the calibration         {folder / 'demo.report.html'}")
+    print(f"  the clocks              {folder / 'clocks.html'}")
+    print(f"  the recording           {recording}   (Foxglove)")
     return 0
 
 
-def render_captures(rig: Rig, board: Board, folder: Path) -> None:
-    """Write CAPTURE/<camera>/<number>.jpg: every camera at every instant, the board wherever it sees it."""
-    poses: list[Pose] = []
-    ids = rig.camera_ids
-    for index, (one, two) in enumerate(pairwise(ids)):
-        poses += board_poses_for_pair(rig, one, two, board, SHARED, distance_m=(2.5, 6.0), seed=index)
-    for index, one in enumerate(ids):
-        poses += board_poses_for_camera(rig, one, board, SINGLE, distance_m=(1.0, 3.0), seed=50 + index)
-    texture = draw_board(board)
-
-    def render(index: int) -> None:
-        camera = rig.cameras[index]
-        (folder / camera.id).mkdir(parents=True)
-        renderer, rng = BoardRenderer(camera.camera), np.random.default_rng(index)
-        background = room_background(camera.camera.size_wh, seed=index)
-        for number, rig_from_board in enumerate(poses):
-            cam_from_board = camera.cam_from_rig @ rig_from_board
-            image = renderer.render(texture, cam_from_board, rng=rng, background=background)
-            cv2.imwrite(str(folder / camera.id / f"{number:04d}.jpg"), image, [cv2.IMWRITE_JPEG_QUALITY, 92])
-
-    with ThreadPoolExecutor() as pool:
-        list(pool.map(render, range(len(rig.cameras))))
-
-
-def simulate_detections(rig: Rig, path: Path) -> None:
-    """Write noisy 2D detections of simulated workers and objects."""
-    simulated = simulate(rig, workers=4, frames=FRAMES, fps=FPS, seed=3)
-    frames = []
-    for frame in range(FRAMES):
-        noisy = with_noise(observe(simulated, frame), rig, NOISE, seed=(0, frame))
-        frames.append([view.detections for view in noisy])
-    write_detections(path, frames, time_s=(simulated.t_ns * 1e-9).tolist())
-
-
-def compare(true: Rig, found: Rig, poses: Path) -> None:
-    """Print how far the calibrated cameras and the tracked workers are from the truth."""
-    centres = [
-        np.linalg.norm(f.cam_from_rig.inverse().translation_m - t.cam_from_rig.inverse().translation_m) * 1e3
-        for f, t in zip(found.cameras, true.cameras, strict=True)
-    ]
-    say("Against the simulation's truth")
-    print(
-        "  camera positions off by  "
-        + ", ".join(f"{c.id} {mm:.1f} mm" for c, mm in zip(found.cameras, centres, strict=True))
+def evaluate(rig: Path, recording: Path, poses: Path, steps: list[Step]) -> Results:
+    """The demo's results beside the truth."""
+    truth, document = read_truth(SITE / "work"), read_rigfile(rig)
+    logged = [one.message for one in iter_messages(recording, ["/log"])]
+    return Results(
+        document=document,
+        truth=truth,
+        cameras=camera_errors(document, truth.rig),
+        floor=floor_error(document, truth.rig),
+        clocks=clock_errors(document, truth),
+        workers=workers_found(truth, poses),
+        objects=objects_found(truth, recording),
+        tracks=ground_tracks(poses),
+        probed_s=probed_s(SITE / "clock_probes.csv"),
+        warnings=[message.message for message in logged],
+        steps=steps,
     )
-    simulated = simulate(true, workers=4, frames=FRAMES, fps=FPS, seed=3)
-    rig_from_world = true.world_from_rig.inverse() if true.world_from_rig else Pose.identity()
-    with np.load(poses) as data:
-        frame, joints = data["frame"], data["joints_m"].astype(np.float64)
-    truth = rig_from_world.apply(simulated.joints_in_world_m)[frame]
-    gaps = np.nanmedian(np.linalg.norm(truth - joints[:, None], axis=-1), axis=-1).min(axis=1)
-    print(f"  workers' joints off by   {np.median(gaps) * 1e3:.0f} mm (median)")
-    print(f"  workers seen in 3D       {len(frame)} of {4 * FRAMES} worker instants")
 
 
-def command(program: str, *arguments: object) -> None:
+def probed_s(log: Path) -> float:
+    """How long a probe lasted, by its log."""
+    answers = read_exchanges(log).values()
+    return (max(int(one.returned_ns[-1]) for one in answers) - min(int(one.sent_ns[0]) for one in answers)) * 1e-9
+
+
+def tell(results: Results) -> None:
+    """Print the figures that the page shows."""
+    for one in results.cameras[1:]:
+        print(
+            f"  {one.camera_id} stands {one.position_mm:.2f} mm (limit {one.position_limit_mm:.2f}) and is turned "
+            f"{one.rotation_deg:.4f} degrees (limit {one.rotation_limit_deg:.4f}) from the truth"
+        )
+    print(
+        f"  the floor is {results.floor.tilt_deg:.3f} degrees tilted, its origin {results.floor.origin_mm:.1f} mm off"
+    )
+    for clock in results.clocks:
+        print(f"  the clock of {clock.camera_id} is wrong by {clock.error_ms:+.3f} ms (bound {clock.bound_ms:.3f})")
+    for one in (results.workers, *results.objects):
+        errors = ", ".join("-" if mm is None else f"{mm:.0f}" for mm in (one.error_mm(50), one.error_mm(90)))
+        print(
+            f"  {one.name}: {one.found} of {one.there} found, {one.false} false; off by {errors} mm (half, nine in ten)"
+        )
+
+
+def command(program: str, *arguments: object) -> Step:
     """Run one of the project's own commands, as a user would; stop where it fails."""
-    words = [program, *map(str, arguments)]
-    say("$ " + " ".join(words))
+    words = " ".join([program, *map(str, arguments)])
+    say("$ " + words)
+    started = time.monotonic()
     executable = Path(sys.executable).parent / program
-    done = subprocess.run([str(executable), *words[1:]], check=False)
+    done = subprocess.run([str(executable), *map(str, arguments)], check=False)
     if done.returncode:
         raise SystemExit(f"{program} ended with exit code {done.returncode}")
+    return Step(words, time.monotonic() - started)
 
 
 def say(text: str) -> None:

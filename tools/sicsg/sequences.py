@@ -192,7 +192,8 @@ def arrays_of(scene: Scene, taken: list[list[Picture]]) -> dict[str, NDArray[Any
     per view, at the view's own time: ``joints_px (F, V, W, 17, 2)``, ``joints_seen (F, V, W, 17)`` (0 outside,
     1 occluded, 2 self-occluded, 3 visible), ``worker_xyxy (F, V, W, 4)`` and ``object_xyxy (F, V, T, 4)`` boxes of
     what the id pass shows (NaN: nothing), ``worker_pixels``, ``object_pixels (F, V, T)``, and about how many they would
-    be if nothing stood before them: ``worker_full_pixels (F, V, W)``, ``object_full_pixels (F, V, T)``.
+    be if nothing stood before them (where that was asked for): ``worker_full_pixels (F, V, W)``,
+    ``object_full_pixels (F, V, T)``.
     """
     worlds = [moment(scene, pictures[0].t_s) for pictures in taken]
     boxes = [item(t.category, t.variant).mesh.vertices_m for t in scene.things]
@@ -209,7 +210,7 @@ def arrays_of(scene: Scene, taken: list[list[Picture]]) -> dict[str, NDArray[Any
     def per_view(of: Any) -> NDArray[Any]:
         return np.array([[of(picture) for picture in pictures] for pictures in taken])
 
-    return {
+    arrays = {
         "t_s": per_view(lambda p: p.t_s),
         "joints_m": np.array([[now.workers[w.id].joints_m for w in scene.workers] for now in worlds]),
         "object_m": np.array(centre),
@@ -220,6 +221,8 @@ def arrays_of(scene: Scene, taken: list[list[Picture]]) -> dict[str, NDArray[Any
         "worker_pixels": per_view(lambda p: [one.pixels for one in p.people]),
         "object_xyxy": per_view(lambda p: [nothing if one.box is None else one.box for one in p.things]),
         "object_pixels": per_view(lambda p: [one.pixels for one in p.things]),
-        "worker_full_pixels": per_view(lambda p: [p.full_pixels[one.id] for one in p.people]),
-        "object_full_pixels": per_view(lambda p: [p.full_pixels[one.id] for one in p.things]),
     }
+    if taken[0][0].full_pixels:
+        arrays["worker_full_pixels"] = per_view(lambda p: [p.full_pixels[one.id] for one in p.people])
+        arrays["object_full_pixels"] = per_view(lambda p: [p.full_pixels[one.id] for one in p.things])
+    return arrays

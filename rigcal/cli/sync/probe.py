@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,35 +13,20 @@ from rigcal.cli.sync._app import (
     RigOption,
     clock_gates_of,
     clocks_pass,
-    progress_bar,
     show_failed_gates,
     sync_app,
     write_clocks,
 )
+from rigcal.cli.sync._probed import Probed, probe_hosts, probed_in_log
 
 if TYPE_CHECKING:
     from rigcal.rigdocument import RigDocument
     from rigcal.site import Site
-    from rigcal.sync.estimator.estimate import HostClock
-    from rigcal.sync.exchanges import Exchanges
-    from rigcal.sync.network import HostProbe, Target
+    from rigcal.sync.log import ProbeLog
+    from rigcal.sync.network import Target
     from rigcal.sync.record import CameraClock
 
-ROUND_S = 10.0
-"""What a killed long probe loses of its log at the most."""
-
-
-@dataclass(frozen=True, slots=True)
-class Probed:
-    """A host, and its clock where it answered."""
-
-    probe: HostProbe
-    """Its last round."""
-    exchanges: Exchanges
-    """Of all rounds."""
-    sent: int
-    lost: int
-    clock: HostClock | None
+SECONDS, RATE_HZ = 20.0, 10.0
 
 
 @sync_app.command()
@@ -53,11 +37,20 @@ def probe(
     ],
     rig: RigOption,
     site: SiteOption = None,
-    seconds: Annotated[float, typer.Option("--seconds", help="How long to probe; the drift needs minutes.")] = 20.0,
-    rate: Annotated[float, typer.Option("--rate", help="Probes per second to each host.")] = 10.0,
+    seconds: Annotated[
+        float | None,
+        typer.Option("--seconds", help="How long to probe; the drift needs minutes.", show_default=f"{SECONDS:g}"),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option("--rate", help="Probes per second to each host.", show_default=f"{RATE_HZ:g}")
+    ] = None,
     log: Annotated[
         Path | None,
         typer.Option("--log", metavar="FILE.csv", help="Also append every probe here, for `rigcal sync report`."),
+    ] = None,
+    from_log: Annotated[
+        Path | None,
+        typer.Option("--from-log", metavar="FILE.csv", help="Ask nobody: take the answers that this log holds."),
     ] = None,
     output: OutputOption = None,
     as_json: JsonOption = False,
@@ -68,14 +61,23 @@ def probe(
     that runs `rigcal sync serve`, or any NTP server. Hosts without a
     camera's name are taken in rig order; one host alone is every camera's. A capture latency in the site file is added.
 
+    With --from-log the answers come from the log of an earlier probe, such as that of a recording.
+
     Exit code 0: every host answered and the gate passes; 1: one did not (the others are written); 2: bad input.
     """
     from rigcal.rigfile import read_rigfile
+    from rigcal.sync.log import read_exchanges
     from rigcal.sync.record import clock_limits
 
     document = read_rigfile(rig)
     targets, declared = targets_from(hosts, site_of(site), document)
-    found = probe_hosts(targets, seconds, rate, log)
+    logged = None
+    if from_log is None:
+        found = probe_hosts(targets, SECONDS if seconds is None else seconds, RATE_HZ if rate is None else rate, log)
+    else:
+        _refuse_beside_a_log({"--seconds": seconds, "--rate": rate, "--log": log})
+        logged = read_exchanges(from_log)
+        found = probed_in_log(from_log, logged, targets, document)
     clocks = [clock for one in found for clock in clocks_of(one, document, declared)]
     limits = clock_limits(document, declared)
     path = output or rig
@@ -85,6 +87,7 @@ def probe(
             {
                 "rig_file": str(path),
                 "written": bool(clocks),
+                "torn_rows": logged.torn if logged is not None else None,
                 "verdict": written.verdict,
                 "hosts": [_as_json(one) for one in found],
                 "cameras": {c.id: c.clock.model_dump() for c in written.cameras if c.clock},
@@ -92,8 +95,17 @@ def probe(
             }
         )
     else:
+        show(server_words() if from_log is None or logged is None else _words_of_log(from_log, logged))
         _show(found, written, path if clocks else None)
     raise typer.Exit(0 if clocks_pass(written) and all(one.clock for one in found) else 1)
+
+
+def _refuse_beside_a_log(options: dict[str, object]) -> None:
+    from rigcal.errors import OptionError
+
+    for name, value in options.items():
+        if value is not None:
+            raise OptionError(name, expected=f"{name} without --from-log, which asks no host", got="both")
 
 
 def targets_from(hosts: list[str], site: Site | None, document: RigDocument) -> tuple[tuple[Target, ...], Site | None]:
@@ -105,36 +117,6 @@ def targets_from(hosts: list[str], site: Site | None, document: RigDocument) -> 
         declared = load_site(Path(hosts[0]))
         return targets_of_site(declared, document.camera_ids).targets, site or declared
     return targets_of(hosts, document.camera_ids), site
-
-
-def probe_hosts(targets: tuple[Target, ...], seconds: float, rate: float, log: Path | None) -> list[Probed]:
-    """Probe all hosts; a long probe is logged every few seconds, and Ctrl-C ends it with what it has."""
-    from rigcal.sync.log import append_exchanges
-    from rigcal.sync.network import probe as ask
-
-    rounds: list[tuple[HostProbe, ...]] = []
-    total = max(1, round(seconds / ROUND_S)) if log else 1
-    with progress_bar("probing") as bar:
-        task = bar.add_task("", total=total)
-        try:
-            for _ in range(total):
-                rounds.append(ask(targets, seconds=seconds / total, rate_hz=rate))
-                if log is not None:
-                    append_exchanges(log, {c: p.exchanges for p in rounds[-1] for c in p.target.camera_ids})
-                bar.advance(task)
-        except KeyboardInterrupt:
-            if not rounds:
-                raise
-    return [_joined(parts) for parts in zip(*rounds, strict=True)]
-
-
-def _joined(rounds: tuple[HostProbe, ...]) -> Probed:
-    from rigcal.sync.estimator.estimate import estimate_clock
-    from rigcal.sync.exchanges import Exchanges
-
-    exchanges = Exchanges.joined([one.exchanges for one in rounds])
-    clock = estimate_clock(exchanges) if len(exchanges) else None
-    return Probed(rounds[-1], exchanges, sum(p.sent for p in rounds), sum(p.lost for p in rounds), clock)
 
 
 def clocks_of(one: Probed, document: RigDocument, site: Site | None) -> list[CameraClock]:
@@ -168,6 +150,18 @@ def server_words() -> str:
     if told.bound_s is None:
         return "Rig time is this machine's clock, which is not synchronised to UTC (chronyd says so)."
     return f"Rig time is this machine's clock, within {1e3 * told.bound_s:.3g} ms of UTC (chronyd)."
+
+
+def _words_of_log(path: Path, log: ProbeLog) -> str:
+    """What of a log is used."""
+    from rigcal.report.text import plain
+    from rigcal.sync.record import utc_of
+
+    first = min(int(answers.sent_ns.min()) for answers in log.values())
+    last = max(int(answers.returned_ns.max()) for answers in log.values())
+    count = sum(map(len, log.values()))
+    torn = "; its last row is unfinished and was left out" if log.torn else ""
+    return plain(f"{count} answers from {path}, {utc_of(first * 1e-9)} to {utc_of(last * 1e-9)}{torn}")
 
 
 def _as_json(one: Probed) -> dict[str, Any]:
@@ -207,7 +201,6 @@ def confusion_of(one: Probed) -> str | None:
 def _show(found: list[Probed], written: RigDocument, path: Path | None) -> None:
     from rigcal.report.text import plain, table
 
-    show(server_words())
     columns = ["host", "cameras", "offset, ms", "drift, ppm", "round trip, ms", "lost"]
     show(table(columns, [_row(one) for one in found], left=(0, 1)))
     for one in found:
@@ -249,4 +242,5 @@ def _row(one: Probed) -> list[str]:
             scaled(one.clock.round_trip_min_s, 1e3, 3),
         ]
     cameras = ", ".join(one.probe.target.camera_ids)
-    return [plain(one.probe.target.name), plain(cameras), *figures, f"{one.lost} of {one.sent}"]
+    lost = ABSENT if one.lost is None else f"{one.lost} of {one.sent}"
+    return [plain(one.probe.target.name), plain(cameras), *figures, lost]

@@ -89,7 +89,8 @@ def _last_stamp_s(content: Content | None, camera_id: str) -> float | None:
 
 def _hosts(document: RigDocument, site: Site | None, seconds: float) -> dict[str, HostReading]:
     """Every host that is known, probed."""
-    from rigcal.cli.sync.probe import confusion_of, probe_hosts
+    from rigcal.cli.sync._probed import probe_hosts
+    from rigcal.cli.sync.probe import confusion_of
     from rigcal.sync.check import HostReading
     from rigcal.sync.network import targets_of, targets_of_site
     from rigcal.sync.record import evidence_of_clock
