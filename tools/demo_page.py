@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jinja2 import ChoiceLoader, FileSystemLoader
 
-from rigcal.geometry import Floats, Ints
+from rigcal.geometry import Floats
 from rigcal.report import numbers
 from rigcal.report.templates import page_environment
 from rigcal.rigdocument import RigDocument
@@ -22,6 +22,7 @@ KINDS = {
     "no_hat": "somebody without a hard hat",
     "platform": "two people on a platform at once",
 }
+_GAP_S = 0.35
 _BRIEF_S = 0.5
 """Shorter stretches of the truth are drawn, but have no picture."""
 
@@ -46,7 +47,7 @@ class Results:
     workers: Found
     objects: Sequence[Found]
     tracks: Sequence[tuple[int, Floats]]
-    """Of each worker found: identity and (N, 2) ground points in the world, by time."""
+    """Of each worker found: identity and (N, 2) ground points in the world, by time; NaN between parts of the way."""
     probed_s: float
     """How long the cameras' hosts were asked for the time."""
     warnings: Sequence[str]
@@ -79,11 +80,18 @@ def shown_instants(truth: Truth) -> list[tuple[int, str]]:
 
 
 def ground_tracks(poses: Path) -> list[tuple[int, Floats]]:
-    """(N, 2) where each worker of a poses file was on the ground, by identity; who was seen for long comes first."""
+    """Where each worker of a poses file was on the ground, by identity, who was seen for long first.
+
+    Returns:
+        Identity and (N, 2) points by time, NaN where the worker was not seen for ``_GAP_S``.
+    """
     with np.load(poses) as stored:
-        ids, joints = stored["track_id"], stored["joints_m"].astype(np.float64)
-    grounds = ground_points(joints)
-    tracks = [(int(track), grounds[(ids == track) & np.isfinite(grounds[:, 0])]) for track in np.unique(ids)]
+        ids, times_ns, joints = stored["track_id"], stored["t_ns"], stored["joints_m"].astype(np.float64)
+    grounds, tracks = ground_points(joints), []
+    for track in np.unique(ids):
+        own = np.flatnonzero((ids == track) & np.isfinite(grounds[:, 0]))
+        gaps = np.flatnonzero(np.diff(times_ns[own]) > _GAP_S * 1e9) + 1
+        tracks.append((int(track), np.insert(grounds[own], gaps, np.nan, axis=0)))
     return sorted(tracks, key=lambda one: -len(one[1]))
 
 
@@ -145,6 +153,9 @@ class Plan:
     """The site from above, in metres; y grows upwards in the world and downwards in the drawing."""
 
     box: str
+    left: float
+    bottom: float
+    """Where the scale is drawn."""
     truth: list[str]
     """Path of each worker."""
     tracks: list[tuple[int, str]]
@@ -168,11 +179,16 @@ def _plan(results: Results) -> Plan:
     low, high = places.min(axis=0) - 0.9, places.max(axis=0) + 0.9
     return Plan(
         box=" ".join(f"{value:.2f}" for value in (*low, *(high - low))),
+        left=low[0] + 0.3,
+        bottom=high[1] - 0.3,
         truth=[_path(true[:, worker]) for worker in range(true.shape[1])],
         tracks=[(track, _path(points)) for track, points in results.tracks if len(points) > 1],
         cameras=cameras,
     )
 
 
-def _path(points: Floats | Ints) -> str:
-    return "M" + "L".join(f"{x:.2f} {-y:.2f}" for x, y in points)
+def _path(points: Floats) -> str:
+    """An SVG path that is interrupted where points are NaN."""
+    parts = np.split(points, np.flatnonzero(np.isnan(points[:, 0])))
+    whole = (part[np.isfinite(part[:, 0])] for part in parts)
+    return "".join("M" + "L".join(f"{x:.2f} {-y:.2f}" for x, y in part) for part in whole if len(part))

@@ -23,6 +23,7 @@ WIDTH_PX = 880
 _QUALITY = 80
 _CORNER_FROM_CENTRE_PX = 0.5
 """Annotations count pixels from the corner of the first, OpenCV from its centre."""
+_LETTERS = 0.45
 _SHIFT = 3
 """OpenCV draws with this many bits below the pixel."""
 
@@ -43,9 +44,10 @@ def pictures_at(truth: Truth, capture: Path, recording: Path, instants: Sequence
         drawn = _annotations(truth, recording, camera.id)
         images = dict(read_frames_at(camera, instants, colour=True))
         for row, instant in zip(pictures, instants, strict=True):
-            image = images[instant].copy()
+            scale = WIDTH_PX / images[instant].shape[1]
+            image = cv2.resize(images[instant], None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
             if instant in drawn:
-                draw(image, drawn[instant])
+                draw(np.asarray(image, np.uint8), drawn[instant], scale)
             row.append(ViewPicture(camera.id, _data_url(image)))
     return pictures
 
@@ -59,12 +61,12 @@ def _annotations(truth: Truth, recording: Path, camera_id: str) -> dict[int, Ima
     return {int(frame): one.message for frame, one in zip(frames, found, strict=True)}
 
 
-def draw(image: Image, drawn: ImageAnnotations) -> None:
-    """Draw annotations over an image, which is changed."""
+def draw(image: Image, drawn: ImageAnnotations, scale: float) -> None:
+    """Draw annotations over an image that was scaled, and is changed."""
     for shape in drawn.points:
-        points = np.array([(point.x, point.y) for point in shape.points]) - _CORNER_FROM_CENTRE_PX
+        points = np.array([(point.x, point.y) for point in shape.points]) * scale - _CORNER_FROM_CENTRE_PX
         fixed = np.rint(points * 2**_SHIFT).astype(np.int32)
-        colour, wide = _bgr(shape.outline_color), max(2, round(1.5 * shape.thickness))
+        colour, wide = _bgr(shape.outline_color), round(shape.thickness)
         if shape.type == PointsAnnotation.LINE_LOOP:
             cv2.polylines(image, [fixed], True, colour, wide, cv2.LINE_AA, _SHIFT)
         elif shape.type == PointsAnnotation.LINE_LIST:
@@ -73,9 +75,11 @@ def draw(image: Image, drawn: ImageAnnotations) -> None:
             for point in fixed:
                 cv2.circle(image, point.tolist(), wide << (_SHIFT - 1), colour, -1, cv2.LINE_AA, _SHIFT)
     for text in drawn.texts:
-        at = (round(text.position.x), round(text.position.y) - 6)
-        cv2.putText(image, text.text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.7, (0, 0, 0), 4, cv2.LINE_AA)
-        cv2.putText(image, text.text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.7, _bgr(text.text_color), 2, cv2.LINE_AA)
+        left, bottom = round(text.position.x * scale), round(text.position.y * scale) - 3
+        (wide, high), below = cv2.getTextSize(text.text, cv2.FONT_HERSHEY_SIMPLEX, _LETTERS, 1)
+        cv2.rectangle(image, (left - 1, bottom - high - 2), (left + wide + 1, bottom + below - 2), (0, 0, 0), -1)
+        white = (255, 255, 255)
+        cv2.putText(image, text.text, (left, bottom), cv2.FONT_HERSHEY_SIMPLEX, _LETTERS, white, 1, cv2.LINE_AA)
 
 
 def _bgr(colour: Color) -> tuple[float, float, float]:
@@ -83,7 +87,5 @@ def _bgr(colour: Color) -> tuple[float, float, float]:
 
 
 def _data_url(image: Image) -> str:
-    height = round(WIDTH_PX * image.shape[0] / image.shape[1])
-    small = cv2.resize(image, (WIDTH_PX, height), interpolation=cv2.INTER_AREA)
-    content = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+    content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
     return f"data:image/jpeg;base64,{base64.b64encode(content).decode()}"

@@ -210,7 +210,8 @@ def objects_found(truth: Truth, recording: Path) -> list[Found]:
             errors += [gaps[row, index] for row, index in pairs]
             found += sum(bool(seen[frame, own[index]]) for _, index in pairs)
             false += len(points) - len(pairs)
-        results.append(Found(name, int(seen[:, own].sum()), found, false, np.array(errors)))
+        if seen[:, own].any() or name in there:
+            results.append(Found(name, int(seen[:, own].sum()), found, false, np.array(errors)))
     return results
 
 

@@ -1,5 +1,9 @@
 """Claims about the demo's comparison with the truth and its page, on a small made-up site."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -125,3 +129,12 @@ def test_the_page_holds_every_section_picture_and_figure(truth, tmp_path):
     assert 'href="http' not in page
     write_page(results, pictures, tmp_path / "again.html")
     assert (tmp_path / "again.html").read_text() == page
+
+
+def test_the_demo_needs_neither_the_generator_nor_what_it_renders_and_trains_with():
+    asked = "import sys, tools.demo; print(*{name.partition('.')[0] for name in sys.modules}, *sys.modules)"
+    told = subprocess.run(
+        [sys.executable, "-c", asked], capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2]
+    ).stdout.split()
+    assert "tools.demo_truth" in told
+    assert not {"tools.sicsg", "tools.train", "moderngl", "bpy", "torch"} & set(told)
