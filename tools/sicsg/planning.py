@@ -37,6 +37,9 @@ CRITICAL = {
 _SENSORS = Sensors(exposure_s=(1 / 250, 1 / 60))
 _PAIRS = tuple(combinations(("hat", "ladder", "window", "platform"), 2))
 _SHARES = (0.35, 0.65)
+_CANDIDATES = 10
+SIZE_WH = {"gl": (1280, 720), "cycles": (768, 432)}
+"""Size of the pictures by renderer; a path traced picture costs ten times as much."""
 _LOOKS = 10
 """Instants at which a candidate's front view is looked at."""
 
@@ -147,7 +150,7 @@ def is_hidden(scene: Scene, photographer: Photographer, t_s: float, violations: 
     return False
 
 
-def write_plan(split: Split, count: int, *, fps: float = 5.0, size_wh: tuple[int, int] = (1280, 720)) -> list[Path]:
+def write_plan(split: Split, count: int, *, fps: float = 5.0) -> list[Path]:
     """Choose and write the scene files of a half that are not there yet; name: number, acts, renderer."""
     folder = SCENES / split
     folder.mkdir(parents=True, exist_ok=True)
@@ -157,6 +160,8 @@ def write_plan(split: Split, count: int, *, fps: float = 5.0, size_wh: tuple[int
             name = f"{place.number:02d}-{'-'.join(name for name, _ in place.acts)}-{place.light}-{place.renderer}"
             path = folder / f"{name}.scene.json"
             if not path.exists():
-                write_scene(choose(place, split, passes, fps=fps, size_wh=size_wh, tries=10), path)
+                write_scene(
+                    choose(place, split, passes, fps=fps, size_wh=SIZE_WH[place.renderer], tries=_CANDIDATES), path
+                )
             written.append(path)
     return written

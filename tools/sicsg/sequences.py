@@ -119,6 +119,8 @@ def make_sequence(scene: Scene, folder: Path, renderer: Renderer, passes: GlRend
     (folder / "truth.json").write_text(json.dumps(facts_of(scene, taken), indent=1))
 
 
+_SAMPLES = 2
+"""Of the path tracer, a pixel."""
 SCENES = Path(__file__).parent / "scenes"
 """The committed scene files, ``SPLIT/NAME.scene.json``; NAME ends with its renderer."""
 
@@ -142,7 +144,8 @@ def name_of(path: Path) -> str:
 
 def _make_one(path: Path, folder: Path) -> None:
     cv2.setNumThreads(1)
-    with GlRenderer() as passes, renderer_of(name_of(path).rpartition("-")[2], passes) as renderer:
+    kind = name_of(path).rpartition("-")[2]
+    with GlRenderer() as passes, renderer_of(kind, passes, samples=_SAMPLES) as renderer:
         make_sequence(read_scene(path), folder / name_of(path), renderer, passes)
 
 
