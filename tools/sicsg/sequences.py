@@ -37,8 +37,8 @@ from tools.sicsg.catalog import item
 from tools.sicsg.moment import moment
 from tools.sicsg.photograph import Photographer, Picture, Renderer, renderer_of
 from tools.sicsg.rendering.gl import GlRenderer
+from tools.sicsg.rendering.lens import camera_of
 from tools.sicsg.scene import Scene, SceneCamera, read_scene, write_scene
-from tools.sicsg.truth import lens
 
 Floats = NDArray[np.float64]
 EPOCH_S = 1_790_000_000.0
@@ -65,7 +65,7 @@ def true_rig(scene: Scene, site: str) -> Rig:
     cameras = tuple(
         RigCamera(
             id=camera.id,
-            camera=lens(camera),
+            camera=camera_of(camera),
             cam_from_rig=Pose.identity() if index == 0 else poses[index] @ world_from_rig,
             clock=ClockModel(
                 offset_s=camera.clock_offset_s,

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rigcal.camera import MODELS, Camera
 from tools.sicsg.catalog import item
 from tools.sicsg.moment import Moment, entities
+from tools.sicsg.rendering.lens import camera_of
 from tools.sicsg.scene import Scene, SceneCamera
 
 Floats = NDArray[np.float64]
@@ -82,11 +82,6 @@ class ThingTruth:
     on_head: bool
 
 
-def lens(camera: SceneCamera) -> Camera:
-    """The camera's lens as the calibration has it."""
-    return Camera(camera.model, camera.size_wh, np.array([camera.coefficients[name] for name in MODELS[camera.model]]))
-
-
 def cam_from_world(camera: SceneCamera) -> Floats:
     """(4, 4) of a scene's camera."""
     matrix = np.eye(4)
@@ -99,7 +94,7 @@ def project(camera: SceneCamera, points_m: Floats) -> tuple[Floats, Floats]:
     """Pixels (..., 2), NaN behind the camera, and depths (...,) of points (..., 3) in the world."""
     matrix = cam_from_world(camera)
     local = points_m @ matrix[:3, :3].T + matrix[:3, 3]
-    return lens(camera).project(local), local[..., 2]
+    return camera_of(camera).project(local), local[..., 2]
 
 
 def boxes_of_ids(ids: NDArray[np.int32], count: int) -> tuple[Floats, NDArray[np.int64]]:

@@ -13,8 +13,8 @@ from scipy.interpolate import RectBivariateSpline
 
 from rigcal.board import Checkerboard
 from rigcal.geometry import Floats, Pose
+from tools.sicsg.rendering.lens import camera_of
 from tools.sicsg.scene import Light, SceneCamera
-from tools.sicsg.truth import lens
 
 PAPER, INK, PLATE = 0.78, 0.05, 0.45
 """Albedo of the printed side and of the back."""
@@ -48,7 +48,7 @@ class BoardPainter:
     """
 
     def __init__(self, camera: SceneCamera, board: Checkerboard, light: Light) -> None:
-        self._lens, self._board, self._light = lens(camera), board, light
+        self._lens, self._board, self._light = camera_of(camera), board, light
         self._cam_from_world = Pose.from_quat_wxyz(camera.quat_wxyz, camera.translation_m)
         width, height = camera.size_wh
         columns = np.arange(-_GRID_PX, width + 2.0 * _GRID_PX, _GRID_PX)
