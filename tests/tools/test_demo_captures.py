@@ -17,7 +17,7 @@ from tools.sicsg.demo.probes import write_probes
 from tools.sicsg.demo.scene import BOARD, CLOCKS, THICKNESS_M
 from tools.sicsg.scene import Lamp, Light, SceneCamera
 from tools.sicsg.sequences import EPOCH_S
-from tools.sicsg.truth import lens
+from tools.sicsg.rendering.lens import camera_of
 
 SIZE_WH = (960, 540)
 DARK = Light(
@@ -56,7 +56,7 @@ def test_a_painted_board_is_found_where_it_is(turn):
     grey = np.clip(picture @ [80.0, 80.0, 80.0], 0, 255).astype(np.uint8)
     found = find_board(grey, BOARD)
     cam_from_board = Pose.from_quat_wxyz(one.quat_wxyz, one.translation_m) @ place
-    expected = lens(one).project(cam_from_board.apply(BOARD.corners_in_board))
+    expected = camera_of(one).project(cam_from_board.apply(BOARD.corners_in_board))
     assert found is not None
     assert len(found.corners_px) == len(expected)
     assert np.abs(found.corners_px - expected).max() < 0.06
@@ -107,7 +107,7 @@ def test_every_place_is_held_still_and_then_left():
 
 def test_what_hides_a_board_is_noticed():
     one = camera()
-    member = RigCamera("cam0", lens(one), Pose.from_quat_wxyz(one.quat_wxyz, one.translation_m))
+    member = RigCamera("cam0", camera_of(one), Pose.from_quat_wxyz(one.quat_wxyz, one.translation_m))
     outline = facing(one, (0.0, -1.0, 1.0)).apply(outline_m(BOARD))
     wall = np.full(SIZE_WH[::-1], 6.0, np.float32)
     assert Seen(member, wall).shows_whole(outline) is True
