@@ -15,9 +15,9 @@ from tools.sicsg.demo.painting import INK, PAPER, PLATE, BoardPainter, outline_m
 from tools.sicsg.demo.places import MOVING, STILL, Seen, between, frames
 from tools.sicsg.demo.probes import write_probes
 from tools.sicsg.demo.scene import BOARD, CLOCKS, THICKNESS_M
+from tools.sicsg.rendering.lens import camera_of
 from tools.sicsg.scene import Lamp, Light, SceneCamera
 from tools.sicsg.sequences import EPOCH_S
-from tools.sicsg.rendering.lens import camera_of
 
 SIZE_WH = (960, 540)
 DARK = Light(
