@@ -33,9 +33,10 @@ class SiteWidths:
 class ConvUnit(nn.Sequential):
     """Convolution, batch normalisation, ReLU."""
 
-    def __init__(self, inputs: int, outputs: int, *, size: int = 3, stride: int = 1) -> None:
+    def __init__(self, inputs: int, outputs: int, *, size: int = 3, stride: int = 1, dilation: int = 1) -> None:
+        padding = dilation * ((size - stride + 1) // 2)
         super().__init__(
-            nn.Conv2d(inputs, outputs, size, stride, (size - stride + 1) // 2, bias=False),
+            nn.Conv2d(inputs, outputs, size, stride, padding, dilation, bias=False),
             nn.BatchNorm2d(outputs, momentum=0.03),
             nn.ReLU(inplace=True),
         )
@@ -109,7 +110,8 @@ class WorkerNetwork(nn.Module):
         w = width
         self.stage4 = nn.Sequential(ConvUnit(3, w, size=6, stride=4), ConvUnit(w, w))
         self.stage8 = _stage(w, 2 * w, 2)
-        self.stage16 = _stage(2 * w, 3 * w, 1)
+        # Dilated, so that every cell knows the whole crop: left and right follow from which way the worker faces.
+        self.stage16 = nn.Sequential(ConvUnit(2 * w, 3 * w, stride=2), ConvUnit(3 * w, 3 * w, dilation=2))
         self.lateral8 = ConvUnit(3 * w, 2 * w, size=1)
         self.smooth8 = ConvUnit(2 * w, 2 * w)
         self.lateral4 = ConvUnit(2 * w, w, size=1)

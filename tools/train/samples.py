@@ -127,8 +127,8 @@ class WorkerSamples(Dataset[tuple[Image, Truth]]):
 
 
 def _crop_matrix(rng: np.random.Generator) -> Floats:
-    scale = np.exp(rng.normal(0.0, 0.12)) / DENSITY
-    from_xy = np.array(CROP_WH) * (0.5 + rng.normal(0.0, 0.03, 2))
+    scale = np.exp(rng.normal(0.0, 0.14)) / DENSITY
+    from_xy = np.array(CROP_WH) * (0.5 + rng.normal(0.0, 0.04, 2))
     if rng.random() < 0.15:  # boxes of people whose legs are hidden: the crop shows the upper half
         scale *= rng.uniform(1.2, 1.6)
         from_xy[1] -= CROP_WH[1] * rng.uniform(0.05, 0.12)
