@@ -59,7 +59,7 @@ def test_what_was_not_measured_the_card_says(packaged, tmp_path):
     for name, value in digests(packaged).items():
         assert f"| `{name}` | {(packaged / name).stat().st_size} | `{value}` |" in text
     assert "not validated" in text or "nobody has validated" in text
-    assert "--network site --epochs 3" in text
+    assert "--network site --epochs 2" in text
 
 
 def test_figures_are_those_of_the_files(packaged, tmp_path):

@@ -207,6 +207,7 @@ def test_training_goes_on_where_it_stopped_and_ends_as_if_it_had_not(folder):
     assert [json.loads(line)["epoch"] for line in (out / "log.jsonl").read_text().splitlines()] == [0, 1]
     more = torch.load(fit(replace(options, epochs=3), folder, out, lambda _: None), weights_only=True)
     assert more["epochs_done"] == 3
+    assert more["plans"] == [[0, 2], [2, 3]]
     with pytest.raises(DataError, match="the checkpoint is of a run with other options"):
         fit(replace(options, seed=1), folder, out, lambda _: None)
 

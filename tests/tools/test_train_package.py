@@ -46,7 +46,8 @@ def test_the_manifest_tells_how_the_network_came_about(models):
     assert len(worker["joints"]) == 17
     assert "1 images of 1 scenes in 1 rooms for training (100 % gl)" in site["trained"]["data"]
     assert "gl seeds 100000 to 100000" in site["trained"]["data"]
-    assert "--network worker --joints all --epochs 3 --batch 8 --rate 0.002 --seed 5" in worker["trained"]["command"]
+    assert "--network worker --joints all --epochs 2 --batch 8 --rate 0.002 --seed 5" in worker["trained"]["command"]
+    assert ", from epoch 1 on with --epochs 3; python -m tools.train export" in worker["trained"]["command"]
 
 
 def test_networks_that_are_too_large_are_refused_and_nothing_is_written(made, tmp_path):

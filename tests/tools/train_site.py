@@ -64,6 +64,7 @@ def make_exports(folder, *, joints=17):
         options = {"network": name, "joints": "all", "epochs": 3, "batch": 8, "rate": 0.002, "seed": 5}
         summary = {
             "epochs": 3,
+            "plans": [[0, 2], [1, 3]],
             "options": options,
             "parameters": 7,
             "files": {key: {"sha256": hashlib.sha256(value).hexdigest()} for key, value in files.items()},

@@ -109,6 +109,7 @@ def export(data: Path, out: Path, say: Callable[[str], None]) -> dict[str, Any]:
     _write_int8(plain, small, sample)
     summary = {
         "epochs": stored["epochs_done"],
+        "plans": stored["plans"],
         "options": stored["options"],
         "parameters": sum(value.numel() for value in network.parameters()),
         "largest_difference_to_torch": difference,

@@ -120,6 +120,8 @@ class _Run:
         self._average = Average(network)
         self._optimiser = torch.optim.AdamW(_groups(network, options.decay), lr=options.rate)
         self._path = out / "checkpoint.pt"
+        self._plans = [[0, options.epochs]]
+        """From which epoch on the learning rate fell to its end by which."""
 
     def train(self) -> Path:
         first = self._restored()
@@ -157,6 +159,7 @@ class _Run:
             {
                 "options": asdict(self._options),
                 "epochs_done": epochs_done,
+                "plans": self._plans,
                 "network": self._network.state_dict(),
                 "average": self._average.state,
                 "optimiser": self._optimiser.state_dict(),
@@ -177,8 +180,12 @@ class _Run:
         self._network.load_state_dict(stored["network"])
         self._average.state = stored["average"]
         self._optimiser.load_state_dict(stored["optimiser"])
-        self._say(f"going on after epoch {stored['epochs_done']}")
-        return int(stored["epochs_done"])
+        done = int(stored["epochs_done"])
+        self._plans = stored["plans"]
+        if self._plans[-1][1] != self._options.epochs:
+            self._plans.append([done, self._options.epochs])
+        self._say(f"going on after epoch {done}")
+        return done
 
 
 def _groups(network: nn.Module, decay: float) -> list[dict[str, Any]]:

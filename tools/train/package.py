@@ -156,10 +156,11 @@ def _worker(summary: dict[str, Any]) -> dict[str, Any]:
 def _command(summary: dict[str, Any], folder: Path, data: Path) -> str:
     chosen = summary["options"]
     joints = f" --joints {chosen['joints']}" if chosen["network"] == "worker" else ""
+    replanned = "".join(f", from epoch {start} on with --epochs {epochs}" for start, epochs in summary["plans"][1:])
     return (
-        f"python -m tools.train fit --network {chosen['network']}{joints} --epochs {summary['epochs']} "
-        f"--batch {chosen['batch']} --rate {chosen['rate']:g} --seed {chosen['seed']} --data {data} --out {folder}; "
-        f"python -m tools.train export --data {data} --out {folder}"
+        f"python -m tools.train fit --network {chosen['network']}{joints} --epochs {summary['plans'][0][1]} "
+        f"--batch {chosen['batch']} --rate {chosen['rate']:g} --seed {chosen['seed']} --data {data} --out {folder}"
+        f"{replanned}; python -m tools.train export --data {data} --out {folder}"
     )
 
 
