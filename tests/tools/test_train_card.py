@@ -69,7 +69,7 @@ def test_figures_are_those_of_the_files(packaged, tmp_path):
     facts = {"models": digests(packaged), "capture": "hall", "fp32": gap, "int8": gap}
     write_facts(facts, tmp_path / "gap.json")
     row = {
-        "joints": 17, "parameters": 555, "bytes": 777, "ms_per_crop": 1.2345, "median_visible": 0.0123,
+        "joints": 17, "epochs": 4, "parameters": 555, "bytes": 777, "ms_per_crop": 1.2345, "median_visible": 0.0123,
         "recall_near": 0.987,
     }  # fmt: skip
     write_facts({"crops": 3, "shared_joints": ["nose"], "all": row, "rules": row}, tmp_path / "saving.json")
@@ -80,7 +80,7 @@ def test_figures_are_those_of_the_files(packaged, tmp_path):
     assert "| int8 | all | 1 | 1.000 | 0.00 | 42 | 42 | 1.000 | 1.000 |" in text
     assert "| light dusk | 1 | 1.000 | 1.000 | 1.000 | 1.000 | 1.000 | 1.0 |" in text
     assert "| int8 | 1 | 1 | 1.000 | 0.00 | 10.0 | 0.062 | 1.000 | 1.000 |" in text
-    assert "| 17 joints | 555 | 777 | 1.234 | 0.0123 | 0.987 |" in text
+    assert "| 17 joints | 4 | 555 | 777 | 1.234 | 0.0123 | 0.987 |" in text
     assert "Not measured: `python -m tools.train thresholds`" in text
     assert all(line.count("|") == line.count(" | ") + 2 for line in text.splitlines() if line.startswith("|"))
 

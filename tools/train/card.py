@@ -250,14 +250,15 @@ def _saving(facts: dict[str, Any] | None) -> str:
     if facts is None:
         return head + _not_measured("saving")
     rows = [
-        [f"{row['joints']} joints", row["parameters"], row["bytes"], _number(row["ms_per_crop"], 3),
+        [f"{row['joints']} joints", row["epochs"], row["parameters"], row["bytes"], _number(row["ms_per_crop"], 3),
          _number(row["median_visible"], 4), _number(row["recall_near"])]
         for row in (facts["all"], facts["rules"])
     ]  # fmt: skip
-    heads = ("", "parameters", "bytes int8", "ms a crop", "median error", "near")
+    heads = ("", "epochs", "parameters", "bytes int8", "ms a crop", "median error", "near")
     tail = (
         f"\nOf the {len(facts['shared_joints'])} joints that both know, in {facts['crops']} validation crops around "
-        "true boxes, int8, one thread; errors are shares of the crop's height, near is within a tenth of it.\n"
+        "true boxes, int8, one thread; errors are shares of the crop's height, near is within a tenth of it. Both were "
+        "trained alike, for this comparison.\n"
     )
     return head + _table(heads, rows) + tail
 

@@ -68,6 +68,7 @@ def saving(full: Path, rules: Path, data: DataSet, say: Callable[[str], None]) -
     for key, folder in folders.items():
         figures[key] = {
             "joints": len(names[key]),
+            "epochs": summaries[key]["epochs"],
             "parameters": summaries[key]["parameters"],
             "bytes": (folder / FILE).stat().st_size,
             "sha256": digest(folder / FILE),
