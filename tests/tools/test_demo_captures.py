@@ -10,14 +10,14 @@ from rigcal.rig import RigCamera
 from rigcal.sync.estimator.estimate import estimate_clock
 from rigcal.sync.log import read_exchanges
 from rigcal.synthetic import look_at
-from tools.sicsg.demo.boards import floor_poses, write_stamps
+from tools.sicsg.demo.boards import floor_poses
 from tools.sicsg.demo.painting import INK, PAPER, PLATE, BoardPainter, outline_m
 from tools.sicsg.demo.places import MOVING, STILL, Seen, between, frames
 from tools.sicsg.demo.probes import write_probes
 from tools.sicsg.demo.scene import BOARD, CLOCKS, THICKNESS_M
 from tools.sicsg.rendering.lens import camera_of
 from tools.sicsg.scene import Lamp, Light, SceneCamera
-from tools.sicsg.sequences import EPOCH_S
+from tools.sicsg.sequences import EPOCH_S, write_stamps
 
 SIZE_WH = (960, 540)
 DARK = Light(

@@ -17,7 +17,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from datetime import UTC, datetime
 from fractions import Fraction
@@ -105,18 +105,45 @@ def make_sequence(scene: Scene, folder: Path, renderer: Renderer, passes: GlRend
         taken.append(pictures)
     for video in videos.values():
         video.close()
-    with (folder / "timestamps.csv").open("w", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(["cam_id", "frame_time"])
-        for camera in scene.cameras:
-            rows.writerows((camera.id, f"{stamp:.9f}") for stamp in stamps_of(camera, times[camera.id][:count]))
     write_scene(scene, folder / "scene.json")
+    own = {camera_id: true_s[:count] for camera_id, true_s in times.items()}
+    write_truth(folder, scene, folder.name, own, facts_of(scene, taken), arrays_of(scene, taken))
+
+
+def write_truth(
+    folder: Path,
+    scene: Scene,
+    site: str,
+    times_s: Mapping[str, Floats],
+    facts: dict[str, Any],
+    arrays: Mapping[str, NDArray[Any]],
+) -> None:
+    """Write what a sequence's folder holds beside its videos and ``scene.json``; ``truth.json`` last.
+
+    Args:
+        folder: of the sequence.
+        scene: its scene.
+        site: name of the rig's site.
+        times_s: (F,) true times of each camera's frames.
+        facts: of :func:`facts_of`.
+        arrays: of :func:`arrays_of`.
+    """
+    write_stamps(folder / "timestamps.csv", scene, times_s)
     digest = hashlib.sha256((folder / "scene.json").read_bytes()).hexdigest()
-    rig = true_rig(scene, folder.name)
+    rig = true_rig(scene, site)
     document = document_of_rig(rig, created_utc=rig.cameras[0].clock.at_utc, inputs_sha256=digest)
     write_rigfile(document, folder / "true.rig.json")
-    np.savez_compressed(folder / "truth.npz", **arrays_of(scene, taken))
-    (folder / "truth.json").write_text(json.dumps(facts_of(scene, taken), indent=1))
+    np.savez_compressed(folder / "truth.npz", **arrays)
+    (folder / "truth.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+
+
+def write_stamps(path: Path, scene: Scene, true_s: Mapping[str, Floats]) -> None:
+    """Write what each camera's clock says at these true times of its frames."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["cam_id", "frame_time"])
+        for camera in scene.cameras:
+            rows.writerows((camera.id, f"{stamp:.6f}") for stamp in stamps_of(camera, true_s[camera.id]))
 
 
 _SAMPLES = 2
@@ -203,8 +230,8 @@ def arrays_of(scene: Scene, taken: list[list[Picture]]) -> dict[str, NDArray[Any
     middles = [(v.min(axis=0) + v.max(axis=0)) / 2 for v in boxes]
     points = [item(t.category, t.variant).keypoints_m for t in scene.things]
     centre, keypoints = [], np.full((len(taken), len(scene.things), 4, 3), np.nan)
-    for frame, now in enumerate(worlds):
-        poses = [now.poses[thing.id] for thing in scene.things]
+    for frame, world in enumerate(worlds):
+        poses = [world.poses[thing.id] for thing in scene.things]
         centre.append([p[:3, :3] @ m + p[:3, 3] for p, m in zip(poses, middles, strict=True)])
         for index, (pose, own) in enumerate(zip(poses, points, strict=True)):
             keypoints[frame, index, : len(own)] = own @ pose[:3, :3].T + pose[:3, 3]
@@ -215,7 +242,7 @@ def arrays_of(scene: Scene, taken: list[list[Picture]]) -> dict[str, NDArray[Any
 
     arrays = {
         "t_s": per_view(lambda p: p.t_s),
-        "joints_m": np.array([[now.workers[w.id].joints_m for w in scene.workers] for now in worlds]),
+        "joints_m": np.array([[world.workers[w.id].joints_m for w in scene.workers] for world in worlds]),
         "object_m": np.array(centre),
         "object_keypoints_m": keypoints,
         "joints_px": per_view(lambda p: [one.joints_px for one in p.people]),

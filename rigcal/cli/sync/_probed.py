@@ -1,4 +1,4 @@
-"""Where the exchanges with hosts come from: asked for now, or from a log of earlier probes."""
+"""Where the exchanges with hosts come from: the hosts themselves, or a log of earlier probes."""
 
 from __future__ import annotations
 

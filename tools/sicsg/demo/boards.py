@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -22,7 +21,7 @@ from tools.sicsg.rendering.gl import GlRenderer
 from tools.sicsg.rendering.lens import LensMap
 from tools.sicsg.rendering.sensor import expose, metered_exposure
 from tools.sicsg.scene import Scene, SceneCamera
-from tools.sicsg.sequences import Video, stamps_of, true_rig
+from tools.sicsg.sequences import Video, true_rig, write_stamps
 
 FPS = 5.0
 STARTS_S = -600.0
@@ -129,15 +128,6 @@ def _film(vacant: Scene, camera: SceneCamera, films: Sequence[Film]) -> None:
             video.add(room.picture(parts, (number, frame)))
         video.close()
         unfinished.rename(path)
-
-
-def write_stamps(path: Path, scene: Scene, true_s: Mapping[str, Floats]) -> None:
-    """Write what each camera's clock says at these true times of its frames."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["cam_id", "frame_time"])
-        for camera in scene.cameras:
-            rows.writerows((camera.id, f"{stamp:.6f}") for stamp in stamps_of(camera, true_s[camera.id]))
 
 
 def floor_poses() -> list[Pose]:

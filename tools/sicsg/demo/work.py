@@ -5,8 +5,6 @@ Pictures and their truth are kept in a folder for the time being; when the last 
 
 from __future__ import annotations
 
-import hashlib
-import json
 import pickle
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -18,12 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rigcal.rigfile import document_of_rig, write_rigfile
-from tools.sicsg.demo.boards import write_stamps
 from tools.sicsg.photograph import Photographer, Picture
 from tools.sicsg.rendering.gl import GlRenderer
 from tools.sicsg.scene import Scene, write_scene
-from tools.sicsg.sequences import Video, arrays_of, facts_of, frame_times, true_rig
+from tools.sicsg.sequences import Video, arrays_of, facts_of, frame_times, write_truth
 
 CRF, KEY_S = 28, 7.0
 _KEPT_QUALITY = 97
@@ -94,17 +90,10 @@ def _write(scene: Scene, folder: Path, kept: Path, count: int) -> None:
         for number in range(count):
             video.add(_read_image(_image_file(kept, number, camera.id)))
         video.close()
-    write_stamps(folder / "timestamps.csv", scene, {camera.id: frame_times(scene, camera) for camera in scene.cameras})
-    rig = true_rig(scene, "demo")
-    digest = hashlib.sha256((folder / "scene.json").read_bytes()).hexdigest()
-    clock = rig.cameras[0].clock
-    assert clock is not None
-    write_rigfile(document_of_rig(rig, created_utc=clock.at_utc, inputs_sha256=digest), folder / "true.rig.json")
+    times = {camera.id: frame_times(scene, camera) for camera in scene.cameras}
     taken: list[list[Picture]] = [pickle.loads(_truth_file(kept, number).read_bytes()) for number in range(count)]
-    np.savez_compressed(
-        folder / "truth.npz", **{name: _small(values) for name, values in arrays_of(scene, taken).items()}
-    )
-    (folder / "truth.json").write_text(json.dumps(facts_of(scene, taken), indent=1) + "\n", encoding="utf-8")
+    arrays = {name: _small(values) for name, values in arrays_of(scene, taken).items()}
+    write_truth(folder, scene, "demo", times, facts_of(scene, taken), arrays)
 
 
 def _read_image(path: Path) -> NDArray[np.uint8]:
