@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 READY := .venv/ready
 
-.PHONY: demo test lint bench bench-calibration bench-sync constraints sicsg-env train-env clean
+.PHONY: demo test lint bench bench-calibration bench-sync bench-runtime constraints sicsg-env train-env clean
 
 demo: $(READY)
 	$(BIN)/python -m tools.demo out/demo
@@ -26,6 +26,10 @@ bench-calibration: $(READY)
 # Clocks: estimator, probes, video, the check before a recording; with PARTS="estimator board" only those.
 bench-sync: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tools/bench/sync.py $(PARTS)
+
+# Detections to tracks: time of a frame set, its growth, and what the tracks are worth in crowds; PARTS as above.
+bench-runtime: $(READY)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tools/bench/runtime.py $(PARTS)
 
 # Exactly the pinned versions, each checked against its hash; then the project itself, from this folder.
 $(READY): constraints.txt pyproject.toml

@@ -47,6 +47,8 @@ class Feed:
     """What may spoil the result, and what to do."""
     sync: SyncReport | None
     """How the cameras kept time; None for detections without frames."""
+    bytes: int | None = None
+    """What the frames take where they are; None where there are none."""
 
 
 def open_feed(
@@ -109,12 +111,19 @@ def _capture_feed(
         total=len(timing.number),
         start_ns=int(timing.t_ns.min()),
         facts={"instants": timing.rule, "spread_s": f"{sync.spread_worst_s:.6f}"},
-        warnings=(*sync.warnings, *_capture_warnings(capture, known, options)),
+        warnings=(*sync.warnings, *capture_warnings(capture, known, options)),
         sync=sync,
+        bytes=size_of(capture),
     )
 
 
-def _capture_warnings(capture: CaptureSource, known: DetectionsFile | None, options: FeedOptions) -> Iterator[str]:
+def size_of(capture: CaptureSource) -> int:
+    """What the frames of a capture take on the disk, in bytes."""
+    return sum(path.stat().st_size for camera in capture.cameras if camera for path in camera.paths)
+
+
+def capture_warnings(capture: CaptureSource, known: DetectionsFile | None, options: FeedOptions) -> Iterator[str]:
+    """What may spoil the result of a capture, beside what its clocks say."""
     if known is not None and (outside := known.outside(capture.timing.number, capture.timing.seen)):
         yield (
             f"{outside} of the detections are of no frame of the capture and were passed over: the file's frame "

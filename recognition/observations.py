@@ -6,7 +6,9 @@ cameras, in rig order.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +51,8 @@ class ViewDetections:
         people, objects = len(self.people_px), len(self.object_class)
         if len(self.object_keypoints_px) == 0:
             object.__setattr__(self, "object_keypoints_px", np.full((objects, 4, 2), np.nan))
+        for name in ("people_px", "people_score", "object_xyxy", "object_score", "object_keypoints_px"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))  # as a replay reads them back
         freeze(self, np.float64, people_px=(people, 17, 2), people_score=(people, 17))
         freeze(self, np.float64, object_xyxy=(objects, 4), object_score=(objects,))
         freeze(self, np.float64, object_keypoints_px=(objects, 4, 2))
@@ -169,9 +173,11 @@ class WorkerTrack:
     joints_m: Floats
     """(17, 3) in the rig frame; NaN: not known at this instant."""
     views: Ints
-    """(17,) how many cameras gave each joint."""
+    """(17,) how many cameras gave each joint; 0 for one that is carried from what was seen before."""
     members: Ints
     """(V,) index of its detection in each view, -1 where none."""
+    covariance_m2: Floats = field(default_factory=lambda: np.full((17, 3, 3), np.nan))
+    """(17, 3, 3) covariance of each joint; NaN where the joint is, or where the method states none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -183,9 +189,19 @@ class ObjectTrack:
     centre_m: Floats
     """(3,) in the rig frame."""
     views: int
-    """How many cameras saw it."""
+    """How many cameras saw it; 0 where it is carried from what was seen before."""
     members: Ints
     """(V,) index of its detection in each view, -1 where none."""
+    covariance_m2: Floats = field(default_factory=lambda: np.full((3, 3), np.nan))
+    """(3, 3) covariance of the centre; NaN where the method states none."""
+    keypoints_m: Floats = field(default_factory=lambda: np.full((4, 3), np.nan))
+    """(4, 3) keypoints in the rig frame, in the order that the class has; NaN where not known."""
+    size_m: tuple[float, float] = (math.nan, math.nan)
+    """Width and height of its boxes at its depth, the mean of the cameras that saw it now; NaN where none did."""
+
+
+Status = Literal["MONITORED", "DEGRADED", "NOT MONITORED"]
+"""Whether an empty scene means that nobody is there: with every camera, with some of them, or not at all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,3 +212,9 @@ class Scene:
     t_ns: int
     workers: tuple[WorkerTrack, ...]
     objects: tuple[ObjectTrack, ...]
+    status: Status = "MONITORED"
+    """``NOT MONITORED``: nothing can be told of this instant, and the absence of workers means nothing."""
+    reason: str = ""
+    """Why it is not ``MONITORED``, in words; empty where it is."""
+    cameras: int | None = None
+    """How many cameras took part; None where nobody counted."""

@@ -1,10 +1,13 @@
-"""The loop: frame sets in, tracked scenes out, everything recorded on the way.
+"""The loop: instants in, tracked scenes out, everything recorded on the way.
 
-What happens to one instant is the same whether its frames come from files or its detections from a file: associate the
-views, triangulate, track, record. The loop itself holds only the tracker's state.
+Two paths, one placing. :func:`run` takes instants that wait (files, detections): each is placed, as fast as that goes
+or at their own pace, and its frames are recorded with it. :func:`run_live` takes instants of cameras that do not wait:
+:class:`recognition.live.LiveFeed` records every packet by itself, and hands on the newest frame set. What happens to
+one instant is the same in both.
 
-Decision: an instant of a single camera is recorded, frame and detections, but is no scene. Nothing can be placed from
-one view, and an empty scene would say that nobody is there.
+Decision: an instant of a single camera is recorded, frame and detections, and places nothing, since an empty scene
+would say that nobody is there. Of files it is no scene; of live cameras it is one that says NOT MONITORED, because
+somebody may be watching.
 """
 
 from __future__ import annotations
@@ -12,14 +15,14 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from recognition.association import AssociationOptions, associate
-from recognition.epipolar import RigGeometry
-from recognition.observations import Instant, Scene, ViewDetections
+from recognition.interpolation import in_common_time
+from recognition.live import LiveFeed
+from recognition.monitoring import Verdict, judged
+from recognition.observations import Instant, Scene, Status, ViewDetections
+from recognition.placing import Placer, PlacingOptions
 from recognition.recording import Recorder, ViewTracks
-from recognition.tracking import Tracker, TrackerState, TrackingOptions
-from recognition.triangulation import triangulate_objects, triangulate_people
 from rigcal.rig import Rig
 
 
@@ -27,10 +30,15 @@ from rigcal.rig import Rig
 class RunOptions:
     """How instants become scenes."""
 
-    association: AssociationOptions = field(default_factory=AssociationOptions)
-    tracking: TrackingOptions = field(default_factory=TrackingOptions)
+    placing: PlacingOptions = field(default_factory=PlacingOptions)
+    use: Sequence[bool] | None = None
+    """(V,) which of the rig's cameras are wanted; None: all."""
     realtime: bool = False
-    """Pace the instants at their own times instead of running as fast as possible."""
+    """Pace the instants at their own times instead of running as fast as possible; live ones have their own pace."""
+    interpolate: bool = False
+    """Move what live cameras saw to the common times; instants of files come so from their feed."""
+    keep_scenes: bool = True
+    """Whether the result holds every scene, which a run of days has no room for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,25 +46,21 @@ class RunResult:
     """What a run found."""
 
     scenes: tuple[Scene, ...]
-    """What was known in 3D, at each instant that two cameras or more took part in."""
+    """What was known in 3D, at each instant that two cameras or more took part in, where scenes are kept."""
     instants: int
     """How many instants there were, those of a single camera included."""
     detections: Mapping[str, int]
     """People detected per camera, over all instants."""
+    placed: int
+    """How many instants are scenes."""
+    statuses: Mapping[Status, int]
+    """How many instants were monitored, and how well."""
+    worker_instants: Mapping[int, int]
+    """At how many instants each worker was seen, by track."""
+    object_instants: Mapping[str, int]
+    """At how many instants each object was seen, by ``class/track``."""
     stopped: bool = False
     """Whether the run was stopped before its last instant."""
-
-    @property
-    def worker_instants(self) -> dict[int, int]:
-        """At how many instants each worker was seen, by track."""
-        return dict(sorted(Counter(w.track_id for scene in self.scenes for w in scene.workers).items()))
-
-    @property
-    def object_instants(self) -> dict[str, int]:
-        """At how many instants each object was seen, by ``class/track``."""
-        return dict(
-            sorted(Counter(f"{o.object_class}/{o.track_id}" for scene in self.scenes for o in scene.objects).items())
-        )
 
 
 def run(
@@ -81,59 +85,132 @@ def run(
     Returns:
         What was found.
     """
-    placing = _Placing(RigGeometry.of(rig), Tracker(rig.world_from_rig, options.tracking), options.association)
-    scenes: list[Scene] = []
-    seen: Counter[str] = Counter(dict.fromkeys(rig.camera_ids, 0))
+    placer, tally = Placer(rig, options.placing), _Tally(rig, options)
     pace = _Pace() if options.realtime else None
-    stopped, done = False, 0
+    use = options.use or (True,) * len(rig.cameras)
+    stopped = False
     for instant in instants:
         if stopped := stop is not None and stop():
             break
         frame_set = instant.frame_set
         if pace:
             pace.wait(frame_set.t_ns)
-        scene = placing.scene(instant)
+        verdict = judged(rig.camera_ids, use, frame_set)
+        scene = _said(placer.place(instant), verdict)
         recorder.write_frames(frame_set)
-        recorder.write_detections(frame_set, *_to_record(instant, scene))
-        if scene:
-            recorder.write_scene(scene)
-            scenes.append(scene)
-        seen.update({c: len(v.people_px) for c, v in zip(rig.camera_ids, instant.views, strict=True)})
-        done += 1
+        _record(recorder, instant, scene)
+        tally.add(instant, verdict, scene)
         if progress:
-            progress(done)
-    return RunResult(tuple(scenes), done, dict(seen), stopped)
+            progress(tally.instants)
+    return tally.result(stopped)
 
 
-class _Placing:
-    """From views to scenes; remembers the tracks."""
+def run_live(
+    rig: Rig,
+    feed: LiveFeed,
+    recorder: Recorder,
+    options: RunOptions,
+    *,
+    on_scene: Callable[[Scene], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> RunResult:
+    """Run until the streams end or ``stop`` says so; the feed records what the cameras send.
 
-    def __init__(self, geometry: RigGeometry, tracker: Tracker, options: AssociationOptions) -> None:
-        self._geometry, self._tracker, self._options = geometry, tracker, options
-        self._state = TrackerState()
+    Args:
+        rig: The rig.
+        feed: The live cameras; entered.
+        recorder: The feed's.
+        options: Thresholds.
+        on_scene: Told of every scene.
+        stop: Asked often whether to end the run.
 
-    def scene(self, instant: Instant) -> Scene | None:
-        """The scene of an instant; None where one camera saw it, or another scene was at its time."""
-        frame_set, views = instant.frame_set, instant.common
-        before_ns = self._state.t_ns
-        if frame_set.cameras < 2 or (before_ns is not None and frame_set.t_ns <= before_ns):
-            return None
-        association = associate(self._geometry, views, self._options)
-        people = triangulate_people(self._geometry, views, association)
-        objects = triangulate_objects(self._geometry, views, association)
-        self._state, scene = self._tracker.step(
-            self._state, people, objects, t_ns=frame_set.t_ns, index=frame_set.index
+    Returns:
+        What was found; an instant that cannot be placed is a scene that says NOT MONITORED.
+    """
+    placer, tally = Placer(rig, options.placing), _Tally(rig, options)
+    stopped = False
+
+    def ended() -> bool:
+        nonlocal stopped
+        stopped = stop is not None and stop()
+        return stopped
+
+    instants = feed.instants(ended)
+    for instant in in_common_time(instants) if options.interpolate else instants:
+        frame_set = instant.frame_set
+        verdict = feed.judged(frame_set)
+        scene = _said(placer.place(instant), verdict)
+        if scene:
+            feed.placed(frame_set)
+        else:
+            scene = Scene(frame_set.index, frame_set.t_ns, (), (), "NOT MONITORED", verdict.reason, verdict.cameras)
+        _record(recorder, instant, scene, feed.log_ns())
+        tally.add(instant, verdict, scene)
+        if on_scene:
+            on_scene(scene)
+    return tally.result(stopped)
+
+
+def _said(scene: Scene | None, verdict: Verdict) -> Scene | None:
+    """The scene with what is to be said beside it."""
+    if scene is None:
+        return None
+    return replace(scene, status=verdict.status, reason=verdict.reason, cameras=verdict.cameras)
+
+
+class _Tally:
+    """Counts, in memory that does not grow unless scenes are kept."""
+
+    def __init__(self, rig: Rig, options: RunOptions) -> None:
+        self._camera_ids, self._keeps = rig.camera_ids, options.keep_scenes
+        self._scenes: list[Scene] = []
+        self._seen: Counter[str] = Counter(dict.fromkeys(rig.camera_ids, 0))
+        self._statuses: Counter[Status] = Counter()
+        self._workers: Counter[int] = Counter()
+        self._objects: Counter[str] = Counter()
+        self._placed = 0
+        self.instants = 0
+
+    def add(self, instant: Instant, verdict: Verdict, scene: Scene | None) -> None:
+        """Count an instant."""
+        self.instants += 1
+        self._statuses[verdict.status] += 1
+        self._seen.update({c: len(v.people_px) for c, v in zip(self._camera_ids, instant.views, strict=True)})
+        if scene is None:
+            return
+        self._placed += 1
+        self._workers.update(worker.track_id for worker in scene.workers)
+        self._objects.update(f"{thing.object_class}/{thing.track_id}" for thing in scene.objects)
+        if self._keeps:
+            self._scenes.append(scene)
+
+    def result(self, stopped: bool) -> RunResult:
+        """What was counted."""
+        return RunResult(
+            scenes=tuple(self._scenes),
+            instants=self.instants,
+            detections=dict(self._seen),
+            placed=self._placed,
+            statuses=dict(self._statuses),
+            worker_instants=dict(sorted(self._workers.items())),
+            object_instants=dict(sorted(self._objects.items())),
+            stopped=stopped,
         )
-        return scene
 
 
-def _to_record(
-    instant: Instant, scene: Scene | None
-) -> tuple[list[ViewDetections | None], tuple[ViewTracks, ...] | None]:
-    """What the cameras that took part saw, at their own times, and the tracks of it where there is a scene."""
-    own = zip(instant.views, instant.frame_set.times_ns, strict=True)
-    views = [None if t_ns is None else view for view, t_ns in own]
-    return views, None if scene is None else _tracks_of_views(scene, instant.views)
+def _record(recorder: Recorder, instant: Instant, scene: Scene | None, receive_ns: int | None = None) -> None:
+    """What the cameras that took part saw, at their own times, with the tracks of it where there is a scene."""
+    frame_set = instant.frame_set
+    took_part = [t_ns is not None for t_ns in frame_set.times_ns]
+    recorder.write_detections(
+        frame_set,
+        [view if is_there else None for view, is_there in zip(instant.views, took_part, strict=True)],
+        None if scene is None else _tracks_of_views(scene, instant.views),
+        common=None if instant.common is instant.views else instant.common,
+        receive_ns=receive_ns,
+    )
+    if scene is not None:
+        recorder.write_scene(scene, receive_ns=receive_ns)
 
 
 def _tracks_of_views(scene: Scene, views: Sequence[ViewDetections]) -> tuple[ViewTracks, ...]:

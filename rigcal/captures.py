@@ -151,15 +151,31 @@ def read_image(camera: CaptureCamera, path: Path, *, colour: bool = False) -> ND
     return image
 
 
-def _decoded(path: Path, content: bytes, colour: bool) -> NDArray[np.uint8]:
+def decode_image(content: bytes, suffix: str, *, colour: bool = False) -> NDArray[np.uint8]:
+    """The image in a file's content, (H, W) grey or (H, W, 3) BGR; 16 bits are reduced to 8.
+
+    Args:
+        content: of the file.
+        suffix: of its name, lower case: ``.jpg``, ``.png``, ...
+        colour: BGR instead of grey.
+
+    Raises:
+        ValueError: where it is no whole image; says what it is.
+    """
     flags = (cv2.IMREAD_COLOR if colour else cv2.IMREAD_GRAYSCALE) | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags) if content else None
-    if image is None or not _is_whole(path.suffix.lower(), content):
-        got = "an empty file" if not content else "a truncated image" if image is not None else "no image"
-        raise BrokenFileError(path, expected="an image", got=got)
+    if image is None or not _is_whole(suffix, content):
+        raise ValueError("an empty file" if not content else "a truncated image" if image is not None else "no image")
     if image.dtype == np.uint16:
         image = cv2.convertScaleAbs(image, alpha=1 / 257)
     return np.asarray(image, dtype=np.uint8)
+
+
+def _decoded(path: Path, content: bytes, colour: bool) -> NDArray[np.uint8]:
+    try:
+        return decode_image(content, path.suffix.lower(), colour=colour)
+    except ValueError as error:
+        raise BrokenFileError(path, expected="an image", got=str(error)) from error
 
 
 def _is_whole(suffix: str, content: bytes) -> bool:

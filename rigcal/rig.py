@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 
 import numpy as np
 
 from rigcal.camera import Camera
-from rigcal.geometry import Pose
+from rigcal.geometry import Floats, Pose, freeze
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,12 @@ class RigCamera:
     serial: str | None = None
     clock: ClockModel | None = None
     """None until measured."""
+    pose_covariance: Floats | None = field(default=None, compare=False)
+    """(6, 6) of ``cam_from_rig``, rotation (rad) then translation (m), for left perturbations; None where not known."""
+
+    def __post_init__(self) -> None:
+        if self.pose_covariance is not None:
+            freeze(self, np.float64, pose_covariance=(6, 6))
 
 
 @dataclass(frozen=True, slots=True)

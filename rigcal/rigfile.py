@@ -21,12 +21,14 @@ from rigcal import __version__
 from rigcal.board import Board, board_to_dict
 from rigcal.camera import MODELS, Camera
 from rigcal.errors import RigFileDigestError, RigFileError, RigFileSchemaError, RigFileVersionError
+from rigcal.geometry import Floats
 from rigcal.rig import ClockModel, Rig, RigCamera
 from rigcal.rigdocument import (
     FORMAT,
     VERSION,
     CameraEntry,
     ClockEntry,
+    CovarianceEntry,
     HistoryEntry,
     PoseEntry,
     ProvenanceEntry,
@@ -224,7 +226,7 @@ def rig_of(document: RigDocument) -> Rig:
     """The rig that a document describes."""
     return Rig(
         site=document.site,
-        cameras=tuple(_rig_camera(entry) for entry in document.cameras),
+        cameras=tuple(_rig_camera(entry, document.covariance) for entry in document.cameras),
         reference=document.reference,
         verdict=document.verdict,
         world_from_rig=document.world_from_rig.pose if document.world_from_rig else None,
@@ -232,11 +234,21 @@ def rig_of(document: RigDocument) -> Rig:
     )
 
 
-def _rig_camera(entry: CameraEntry) -> RigCamera:
+def _rig_camera(entry: CameraEntry, covariance: CovarianceEntry | None) -> RigCamera:
     params = np.array([entry.coefficients[name] for name in MODELS[entry.model]])
     clock = ClockModel(**entry.clock.model_dump()) if entry.clock else None
     camera = Camera(entry.model, entry.size_wh, params)
-    return RigCamera(entry.id, camera, entry.cam_from_rig.pose, entry.serial, clock)
+    known = _pose_covariance(covariance, entry.id) if covariance else None
+    return RigCamera(entry.id, camera, entry.cam_from_rig.pose, entry.serial, clock, known)
+
+
+def _pose_covariance(entry: CovarianceEntry, camera_id: str) -> Floats:
+    """(6, 6) of a camera's pose; zeros for one that the matrix leaves out, as it does the reference."""
+    name = f"{camera_id}.rotation_rad"
+    if name not in entry.order:
+        return np.zeros((6, 6))
+    first = 3 * entry.order.index(name)
+    return np.array(entry.matrix, dtype=np.float64)[first : first + 6, first : first + 6]
 
 
 def document_of_rig(

@@ -128,6 +128,8 @@ class Site(_Strict):
     site: str = Field(min_length=1)
     board: str | None = None
     fastest_motion_m_per_s: PositiveFloat = 2.0
+    clock_age_s: PositiveFloat = 86400.0
+    """Live cameras whose clock model is older than this are not used: measure clocks once a day."""
     cameras: tuple[SiteCamera, ...] = Field(min_length=1)
     distances: tuple[SiteDistance, ...] = ()
     gates: GateLimits = GateLimits()

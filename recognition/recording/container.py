@@ -6,8 +6,10 @@ A recording is written to ``NAME.mcap.part`` and renamed to ``NAME.mcap`` when i
 
 from __future__ import annotations
 
+import contextlib
 import mmap
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +20,9 @@ from mcap.writer import LIBRARY_IDENTIFIER, CompressionType, Writer
 from recognition.errors import RecordingError
 from rigcal import __version__
 
+if sys.platform != "win32":
+    import fcntl
+
 MAGIC = b"\x89MCAP0\r\n"
 LIBRARY_NAME = "recognition"
 LIBRARY = f"{LIBRARY_NAME} {__version__}; {LIBRARY_IDENTIFIER}"
@@ -25,7 +30,7 @@ LIBRARY = f"{LIBRARY_NAME} {__version__}; {LIBRARY_IDENTIFIER}"
 CHUNK_BYTES = 1024 * 1024
 """1 MiB: 4 MiB chunks took 1.4 times the time (one run of 60 s of 4 cameras), and a damaged one costs more."""
 RIG_ATTACHMENT = "rig.json"
-RIG_METADATA = "rigcal"
+RIG_METADATA, SEGMENT_METADATA = "rigcal", "segment"
 PART_SUFFIX = ".part"
 
 
@@ -62,6 +67,26 @@ def sync_folder(folder: Path) -> None:
             os.fsync(handle)
         finally:
             os.close(handle)
+
+
+def claim(stream: IO[bytes]) -> None:
+    """Mark an open file as being written, for as long as it is open and its process lives; not on Windows."""
+    if sys.platform != "win32":
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_being_written(part: Path) -> bool:
+    """Whether a process that lives has claimed the file."""
+    if sys.platform != "win32":
+        with contextlib.suppress(FileNotFoundError, PermissionError), part.open("rb") as stream:
+            try:
+                fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return True
+            except OSError:  # a file system without locks
+                return False
+    return False
 
 
 @contextmanager

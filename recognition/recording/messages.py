@@ -72,11 +72,20 @@ def frame_message(camera_id: str, frame: ViewFrame) -> CompressedVideo | Compres
     """
     if frame.encoded is None:
         return _image(camera_id, frame.t_ns, jpeg(frame.image_bgr), "jpeg")
-    if frame.encoding == "h264":
-        return CompressedVideo(timestamp=stamp(frame.t_ns), frame_id=camera_id, data=frame.encoded, format="h264")
-    if frame.encoding in ("jpeg", "png"):
-        return _image(camera_id, frame.t_ns, frame.encoded, frame.encoding)
-    raise ValueError(f"encoding of a frame must be h264, jpeg or png, got {frame.encoding!r}")
+    return encoded_message(camera_id, frame.t_ns, frame.encoded, frame.encoding)
+
+
+def encoded_message(camera_id: str, t_ns: int, data: bytes, encoding: str) -> CompressedVideo | CompressedImage:
+    """A frame as its camera encoded it.
+
+    Raises:
+        ValueError: for an ``encoding`` that cannot be recorded.
+    """
+    if encoding == "h264":
+        return CompressedVideo(timestamp=stamp(t_ns), frame_id=camera_id, data=data, format="h264")
+    if encoding in ("jpeg", "png"):
+        return _image(camera_id, t_ns, data, encoding)
+    raise ValueError(f"encoding of a frame must be h264, jpeg or png, got {encoding!r}")
 
 
 def _image(camera_id: str, t_ns: int, data: bytes, encoding: str) -> CompressedImage:

@@ -19,7 +19,7 @@ from mcap.writer import Writer
 
 from recognition.errors import RecordingError
 from recognition.recording.check import message_counts, require_mcap
-from recognition.recording.container import LIBRARY_NAME, mapped, open_writer, publish
+from recognition.recording.container import mapped, open_writer, publish
 from recognition.recording.content import missing_messages
 from recognition.recording.definitions import is_definition, repeated_definitions
 from recognition.recording.scan import Damage, Placed, scan
@@ -175,12 +175,7 @@ def _read_back(temporary: Path) -> Survey:
 def _recovery(data: mmap, found: Survey, kept: Survey) -> Recovery:
     end = found.data_end.offset if found.data_end else len(data)
     damages = [damage for damage in found.damages if damage.offset < end]
-    is_numbered = kept.header is not None and kept.header.library.startswith(LIBRARY_NAME)
-    missing = {
-        channel.topic: count
-        for channel in kept.channels.values()
-        if is_numbered and (count := missing_messages(channel.sequences))
-    }
+    missing = {channel.topic: count for channel in kept.channels.values() if (count := missing_messages(kept, channel))}
     return Recovery(
         messages=message_counts(kept),
         missing=MappingProxyType(missing),

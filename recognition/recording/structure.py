@@ -49,7 +49,7 @@ def _checksum_findings(data: mmap, data_end: Placed, footer: Placed | None) -> I
 def data_checksum_holds(data: mmap, data_end: Placed) -> bool:
     """Whether the bytes before the end of the data section are those that were written, as far as it says."""
     stated = struct.unpack_from("<I", data, data_end.offset + HEADER_BYTES)[0]
-    return stated in (0, _crc32(data, 0, data_end.offset))
+    return stated in (0, crc32(data, 0, data_end.offset))
 
 
 def index_checksum_holds(data: mmap, footer: Placed | None) -> bool:
@@ -57,10 +57,11 @@ def index_checksum_holds(data: mmap, footer: Placed | None) -> bool:
     if footer is None or not isinstance(footer.record, r.Footer):
         return False
     end = footer.offset + HEADER_BYTES + _FOOTER_OFFSETS_BYTES
-    return footer.record.summary_crc in (0, _crc32(data, footer.record.summary_start, end))
+    return footer.record.summary_crc in (0, crc32(data, footer.record.summary_start, end))
 
 
-def _crc32(data: mmap, start: int, end: int) -> int:
+def crc32(data: mmap, start: int, end: int) -> int:
+    """The checksum of some of a file's bytes."""
     crc = 0
     for offset in range(start, end, _BLOCK_BYTES):
         crc = zlib.crc32(data[offset : min(offset + _BLOCK_BYTES, end)], crc)
@@ -77,11 +78,12 @@ def _index_findings(found: Survey) -> Iterator[Finding]:
         differ = sum(is_there.get(key) != stated.get(key) for key in is_there.keys() | stated.keys())
         if differ:
             yield error(f"the index of {name} differs from what is there in {differ} of {len(is_there)} entries")
-    if found.statistics != _statistics(found):
-        yield error(f"the statistics say {found.statistics}, the file holds {_statistics(found)}")
+    if found.statistics != statistics(found):
+        yield error(f"the statistics say {found.statistics}, the file holds {statistics(found)}")
 
 
-def _statistics(found: Survey) -> r.Statistics:
+def statistics(found: Survey) -> r.Statistics:
+    """The statistics record that a file should have."""
     times = [t_ns for channel in found.channels.values() for t_ns in channel.log_ns]
     return r.Statistics(
         attachment_count=len(found.attachments),

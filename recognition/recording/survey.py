@@ -21,6 +21,7 @@ class ChannelSurvey:
     topic: str
     schema: str
     log_ns: list[int] = field(default_factory=list)
+    publish_ns: list[int] = field(default_factory=list)
     sequences: list[int] = field(default_factory=list)
 
 
@@ -141,6 +142,7 @@ def _add_message(found: Survey, message: r.Message, visit: Visit) -> None:
         found.orphans += 1
         return
     channel.log_ns.append(message.log_time)
+    channel.publish_ns.append(message.publish_time)
     channel.sequences.append(message.sequence)
     visit(channel, message)
 

@@ -9,8 +9,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from recognition.errors import SourceError
 from recognition.observations import FrameSet
+from recognition.sources.files import FileStream
 from recognition.sources.frames import FrameReader
 from recognition.sources.synchrony import SyncReport, judge_synchrony
 from recognition.sources.timing import Timing, capture_clocks, capture_timing
@@ -46,6 +49,16 @@ class CaptureSource:
                 for reader, frame, own_ns in zip(readers, frames, times_ns, strict=True)
             )
             yield FrameSet(number, t_ns, views)
+
+    def streams(self) -> tuple[FileStream | None, ...]:
+        """(V,) each camera as a stream of packets at the times of :attr:`timing`; None for one that is left out."""
+        found = []
+        for view, camera in enumerate(self.cameras):
+            rows = self.timing.seen[:, view]
+            times_ns = np.zeros(len(camera.frames) if camera else 0, dtype=np.int64)
+            times_ns[self.timing.frame_idx[rows, view]] = self.timing.frame_t_ns[rows, view]
+            found.append(FileStream(view, camera, times_ns) if camera else None)
+        return tuple(found)
 
 
 def open_source(path: Path, rig: Rig, *, use: Sequence[bool], fps: float) -> CaptureSource:

@@ -17,14 +17,16 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from recognition.errors import RecordingError
 from recognition.observations import FrameSet, Scene, ViewFrame
-from recognition.recording import Recorder, check_recording
+from recognition.recording import Recorder, check_recording, content
+from rigcal import __version__
 from rigcal.camera import Camera
 from rigcal.geometry import Pose
-from rigcal.rig import Rig, RigCamera
+from rigcal.rig import ClockModel, Rig, RigCamera
 
 T0 = 1_800_000_000_000_000_000
 PERIOD_NS = 100_000_000
 KEY = bytes.fromhex("000000016764000a 0000000168ee3c80 000001658884".replace(" ", ""))
+BARE_IDR = bytes.fromhex("00000001658884")
 P_SLICE, B_SLICE = bytes.fromhex("00000001419a21"), bytes.fromhex("00000001019e41")
 IMAGE = np.zeros((4, 4, 3), np.uint8)
 
@@ -218,10 +220,54 @@ def with_video(edit):
             "1 frame at the start is no key frame with SPS and PPS: the video cannot be decoded",
         ),
         (lambda k, data: B_SLICE if k in (3, 4) else data, "2 frames are B frames, which viewers cannot show"),
+        (
+            lambda k, data: BARE_IDR if k in (10, 20) else data,
+            "2 key frames are without SPS and PPS: nobody can begin to decode there",
+        ),
     ],
 )
 def test_video_that_viewers_cannot_show_is_found(sound, tmp_path, edit, fault):
     assert findings(rewritten(sound, tmp_path / "run.mcap", with_video(edit))) == [f"/cam0/video: {fault}"]
+
+
+def test_key_frames_that_are_far_apart_are_a_warning(sound, tmp_path, monkeypatch):
+    monkeypatch.setattr(content, "LONG_GOP_S", 1.5)
+    path = rewritten(sound, tmp_path / "run.mcap", with_video(lambda k, data: P_SLICE if k == 10 else data))
+    assert check_recording(path).ok
+    assert findings(path, "warning") == [
+        "/cam0/video: up to 2.0 s between key frames: set the camera to one every 1 to 2 s"
+    ]
+
+
+def test_clock_models_are_told_or_their_absence_is(tmp_path):
+    clock = ClockModel(0.5, 12.0, "2026-04-12T09:00:00Z", 2e-4, 0.05, "probe")
+    poses = {"cam0": Pose.identity(), "cam1": Pose.from_rvec([0, 0.3, 0], [-1, 0, 0])}
+    lens = Camera("opencv4", (64, 48), [90, 90, 32, 24, 0, 0, 0, 0])
+    cameras = tuple(RigCamera(n, lens, pose, None, clock if n == "cam1" else None) for n, pose in poses.items())
+    document: dict = {"cameras": [{"id": "cam0"}, {"id": "cam1"}]}
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"))
+    document["digest"] = "sha256:" + hashlib.sha256(text.encode()).hexdigest()
+    rig = Rig("hall", cameras, "cam0", "PASS", digest=document["digest"])
+    path = tmp_path / "run.mcap"
+    with Recorder(path, rig=rig, rig_json=json.dumps(document).encode(), metadata={}) as recorder:
+        recorder.log("info", "x", T0)
+    check = check_recording(path)
+    assert check.findings == ()
+    assert check.facts == (
+        f"rig {rig.digest}, verdict PASS",
+        f"recorded by version {__version__}",
+        "clocks: cam0 none, cam1 by probe, within 0.2 ms at 2026-04-12T09:00:00Z",
+    )
+
+    def unsaid(record, _):
+        if isinstance(record, Metadata) and record.name == "rigcal":
+            return Metadata("rigcal", {k: v for k, v in record.metadata.items() if k != "clock.cam1"})
+        return record
+
+    silent = rewritten(path, tmp_path / "silent.mcap", unsaid)
+    assert findings(silent, "warning") == [
+        "it is not said by which clock models the times of cam1 are rig time, or by none"
+    ]
 
 
 def test_messages_that_are_not_what_their_schema_says_are_found(sound, tmp_path):

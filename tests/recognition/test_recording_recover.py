@@ -7,8 +7,6 @@ import json
 import os
 import re
 import signal
-import subprocess
-import sys
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -19,7 +17,15 @@ from mcap.reader import make_reader
 
 from recognition.errors import RecordingError
 from recognition.observations import FrameSet, ViewFrame
-from recognition.recording import Recorder, check_recording, iter_messages, read_metadata, recover_recording
+from recognition.recording import (
+    Recorder,
+    check_recording,
+    check_sequence,
+    iter_messages,
+    read_metadata,
+    recording_files,
+    recover_recording,
+)
 from recognition.recording import recover as recover_module
 from recognition.recording.container import mapped
 from recognition.recording.scan import scan
@@ -31,7 +37,7 @@ T0 = 1_800_000_000_000_000_000
 IMAGE = np.zeros((4, 4, 3), np.uint8)
 
 
-def recorder(path: Path) -> Recorder:
+def recorder(path: Path, **options) -> Recorder:
     lens = [90, 90, 32, 24, 0, 0, 0, 0]
     poses = {"cam0": Pose.identity(), "cam1": Pose.from_rvec([0, 0.3, 0], [-1, 0, 0])}
     cameras = tuple(RigCamera(name, Camera("opencv4", (64, 48), lens), pose) for name, pose in poses.items())
@@ -39,7 +45,7 @@ def recorder(path: Path) -> Recorder:
     text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     document["digest"] = "sha256:" + hashlib.sha256(text.encode()).hexdigest()
     rig = Rig("hall", cameras, "cam0", "PASS", digest=document["digest"])
-    return Recorder(path, rig=rig, rig_json=json.dumps(document).encode(), metadata={"seed": "5"})
+    return Recorder(path, rig=rig, rig_json=json.dumps(document).encode(), metadata={"seed": "5"}, **options)
 
 
 @pytest.fixture(scope="module")
@@ -265,51 +271,67 @@ def test_a_copy_that_cannot_be_read_back_is_not_published(sound, tmp_path, monke
     assert not list(tmp_path.iterdir())
 
 
-KILLED_RUN = """
-import sys, time
-from pathlib import Path
-import numpy as np
-sys.path.insert(0, sys.argv[1])
-from test_recording_recover import IMAGE, T0, FrameSet, ViewFrame, recorder
-random = np.random.default_rng(int(sys.argv[3]))
-with recorder(Path(sys.argv[2])) as writing:
-    start = time.monotonic()
-    for k in range(100_000):
-        time.sleep(max(0.0, start + k * 0.005 - time.monotonic()))
-        data = random.integers(0, 256, int(random.integers(1, 2_000)), dtype=np.uint8).tobytes()
-        t_ns = T0 + k * 5_000_000
-        writing.write_frames(FrameSet(k, t_ns, (ViewFrame(k, t_ns, IMAGE, data, "png"), None)))
-        print(k, time.time(), flush=True)
-"""
+FRAME_NS = 20_000_000
+KILLED = 20
 
 
-def test_a_killed_recorder_loses_no_more_than_its_last_second(tmp_path):
-    """200 frames a second of 0-2 kB, a chunk in five seconds; three processes, killed at seeded moments."""
+def record_until_killed(path: Path, log: Path, seed: int, segment_s: float | None) -> None:
+    """50 frames a second of 0-2 kB; the log says when each was handed over."""
+    random = np.random.default_rng(seed)
+    with recorder(path, segment_s=segment_s) as writing, log.open("w", buffering=1) as handed_over:
+        start = time.monotonic()
+        for k in range(100_000):
+            time.sleep(max(0.0, start + k * FRAME_NS * 1e-9 - time.monotonic()))
+            data = random.integers(0, 256, int(random.integers(1, 2_000)), dtype=np.uint8).tobytes()
+            t_ns = T0 + k * FRAME_NS
+            writing.write_frames(FrameSet(k, t_ns, (ViewFrame(k, t_ns, IMAGE, data, "png"), None)))
+            handed_over.write(f"{k} {time.monotonic()}\n")
+
+
+def forked(path: Path, log: Path, seed: int, segment_s: float | None) -> int:
+    """The recorder in a process of its own, which never comes back from here."""
+    pid = os.fork()
+    if pid == 0:
+        try:
+            record_until_killed(path, log, seed, segment_s)
+        finally:
+            os._exit(1)
+    return pid
+
+
+def test_recorders_killed_at_twenty_moments_lose_no_more_than_their_last_second(tmp_path):
+    """Every other one records segments; each is killed at a moment of its own, seeded, 0.2 to 2.2 s after it began."""
     random = np.random.default_rng(2026)
-    paths = [tmp_path / f"run{seed}.mcap" for seed in range(3)]
-    command = [sys.executable, "-c", KILLED_RUN, str(Path(__file__).parent)]
-    runs = [
-        subprocess.Popen([*command, path, str(seed)], stdout=subprocess.PIPE, text=True)
-        for seed, path in enumerate(paths)
-    ]
-    for run, path in zip(runs, paths, strict=True):
-        assert run.stdout.readline().startswith("0 ")
-        time.sleep(random.uniform(0.8, 1.6))
-        killed_at = time.time()
-        os.kill(run.pid, signal.SIGKILL)
-        lines = run.communicate(timeout=30)[0].splitlines()
-        assert run.returncode == -signal.SIGKILL
-        whole = [match for line in lines if (match := re.fullmatch(r"(\d+) (\d+\.\d+)", line))]  # the last may be cut
-        due = {int(match[1]) for match in whole if float(match[2]) < killed_at - 1.0}
+    names = [(tmp_path / f"run{seed}.mcap", tmp_path / f"run{seed}.log") for seed in range(KILLED)]
+    pids = [forked(path, log, seed, 0.8 if seed % 2 else None) for seed, (path, log) in enumerate(names)]
+    while not all(log.exists() and log.stat().st_size for _, log in names):
+        time.sleep(0.01)
+    killed_at, before_s = {}, 0.0
+    for after_s, number in sorted(zip(random.uniform(0.2, 2.2, KILLED).tolist(), range(KILLED), strict=True)):
+        time.sleep(after_s - before_s)
+        before_s = after_s
+        os.kill(pids[number], signal.SIGKILL)
+        killed_at[number] = time.monotonic()
+    for number, (path, log) in enumerate(names):
+        assert os.waitpid(pids[number], 0)[1] == signal.SIGKILL
+        lines = [re.fullmatch(r"(\d+) (\d+\.\d+)", line) for line in log.read_text().splitlines()]
+        due = {int(match[1]) for match in lines if match and float(match[2]) < killed_at[number] - 1.0}
+        kept = kept_frames(path)
+        assert kept == list(range(len(kept))), "no hole"
+        assert due <= set(kept)
 
-        part = path.with_name(path.name + ".part")
-        assert not path.exists()
-        assert not check_recording(part).ok
-        recovery = recover_recording(part, path)
-        kept = [message.publish_ns for message in iter_messages(path, ["/cam0/image"])]
-        indices = [(t_ns - T0) // 5_000_000 for t_ns in kept]
-        assert indices == list(range(len(indices)))  # no hole
-        assert due <= set(indices)
-        assert len(indices) > 0
-        assert recovery.lost
-        assert check_recording(path).ok
+
+def kept_frames(path: Path) -> list[int]:
+    """Numbers of the frames of a killed recording, after its recovery; every file of it passes the check."""
+    parts = sorted(path.parent.glob(f"{path.stem}.*part"))
+    assert parts
+    for part in parts:
+        if b"/tf" in part.read_bytes():
+            assert not check_recording(part).ok
+            assert recover_recording(part, part.with_suffix("")).lost
+        else:  # killed before its first message was there
+            assert part == parts[-1]
+    files = [file for file in recording_files(path) if file.exists()]
+    assert not files or check_sequence(files).ok
+    messages = [m for file in files for m in iter_messages(file, ["/cam0/image"])]
+    return [(message.publish_ns - T0) // FRAME_NS for message in messages]

@@ -7,6 +7,7 @@ import pytest
 
 from recognition.feeds import instants_of_detections
 from recognition.observations import FrameSet, Instant, Scene, WorkerTrack
+from recognition.placing import PlacingOptions
 from recognition.poses import Poses, write_poses
 from recognition.recording import Recorder, check_recording, iter_messages
 from recognition.runtime import RunOptions, run
@@ -15,6 +16,8 @@ from recognition.synthetic import semicircle_rig, simulate
 from recognition.synthetic_views import observe
 from rigcal.geometry import Pose
 from rigcal.rigfile import document_of_rig, read_rigfile, rig_of, write_rigfile
+
+PAPER = PlacingOptions("paper")
 
 
 @pytest.fixture
@@ -43,7 +46,7 @@ def test_simulated_workers_are_tracked_and_recorded(site, tmp_path):
     done = []
     with recorder_for(path, rig, tmp_path / "r.mcap") as recorder:
         instants = instants_of_detections(known, fps=30, use=[True] * 4)
-        result = run(rig, instants, recorder, RunOptions(), progress=done.append)
+        result = run(rig, instants, recorder, RunOptions(PAPER), progress=done.append)
     assert done == list(range(1, 21))
     assert list(result.worker_instants.values()) == [20, 20]
     truth = rig.world_from_rig.inverse().apply(simulated.joints_in_world_m)
@@ -51,10 +54,33 @@ def test_simulated_workers_are_tracked_and_recorded(site, tmp_path):
         for worker in scene.workers:
             gaps = np.linalg.norm(truth[scene.index] - worker.joints_m, axis=-1)
             assert np.nanmedian(gaps, axis=1).min() < 1e-5
+    assert {(scene.status, scene.cameras) for scene in result.scenes} == {("MONITORED", 4)}
     check = check_recording(tmp_path / "r.mcap")
     assert check.ok, check.findings
     assert check.messages["/scene"] == 20
     assert check.messages["/cam2/annotations"] == 20
+
+
+def test_scenes_say_which_cameras_were_missing(site, tmp_path):
+    path, rig, simulated = site
+    known = read_detections(detections_file(tmp_path, simulated), rig)
+    use = [True, False, True, True]
+    for wanted, status in ((None, "DEGRADED"), (use, "MONITORED")):
+        with recorder_for(path, rig, tmp_path / f"{status}.mcap") as recorder:
+            options = RunOptions(PAPER, use=wanted)
+            result = run(rig, instants_of_detections(known, fps=30, use=use), recorder, options)
+        assert result.statuses == {status: 20}
+    assert result.scenes[0].cameras == 3
+
+
+def test_a_run_without_kept_scenes_counts_them_all_the_same(site, tmp_path):
+    path, rig, simulated = site
+    known = read_detections(detections_file(tmp_path, simulated), rig)
+    with recorder_for(path, rig, tmp_path / "r.mcap") as recorder:
+        options = RunOptions(PAPER, keep_scenes=False)
+        result = run(rig, instants_of_detections(known, fps=30, use=[True] * 4), recorder, options)
+    assert (result.scenes, result.placed) == ((), 20)
+    assert list(result.worker_instants.values()) == [20, 20]
 
 
 def test_annotations_bear_the_tracks_of_their_detections(site, tmp_path):

@@ -1,0 +1,29 @@
+"""The command line of recognition: each command parses, calls the library and prints.
+
+Exit codes: 0 ok; 1 a check failed; 2 usage or bad input; 3 data was lost. Known errors are one message on standard
+error, and with ``--json`` also one object on standard output.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from recognition.cli import evaluate, recordings, render, replay, run
+from recognition.cli._app import app, print_json
+from rigcal.errors import RigcalError
+
+__all__ = ["app", "evaluate", "main", "recordings", "render", "replay", "run"]
+
+
+def main() -> None:
+    """Entry point of the console script; a known error becomes its message and exit code 2."""
+    try:
+        app()
+    except RigcalError as error:
+        typer.echo(f"error: {error}", err=True)
+        if "--json" in sys.argv:
+            fields = ("what", "where", "expected", "got", "do_next")
+            print_json({"ok": False, "error": {name: getattr(error, name) for name in fields}})
+        raise SystemExit(2) from None

@@ -1,0 +1,29 @@
+"""The application that the commands register with, and what they share."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(
+    help="Recognise workers and objects in 3D with a calibrated rig, and record everything to MCAP.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    add_completion=False,
+)
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
+RecordingArgument = Annotated[Path, typer.Argument(metavar="IN.mcap", help="A recording.")]
+
+
+@app.callback()
+def _program() -> None:
+    """Recognise workers and objects in 3D with a calibrated rig, and record everything to MCAP."""
+
+
+def print_json(value: dict[str, Any]) -> None:
+    typer.echo(json.dumps(value, ensure_ascii=False))

@@ -1,0 +1,137 @@
+"""``recognition render``: a recording as video, pictures and a layout, for people who look."""
+
+from __future__ import annotations
+
+import json
+from contextlib import ExitStack
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from recognition.cli._amounts import seconds
+from recognition.cli._app import JsonOption, RecordingArgument, app, print_json
+from recognition.cli._chosen import used_cameras
+from rigcal.errors import OptionError, OutputError, writing
+
+if TYPE_CHECKING:
+    from recognition.viewing import Picture, Rendering
+
+
+class VideoCodec(StrEnum):
+    """How an mp4 is encoded."""
+
+    h264 = "h264"
+    mpeg4 = "mpeg4"
+
+
+@app.command()
+def render(
+    recording: RecordingArgument,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="OUT.mp4", help="Write a video of all frames.")
+    ] = None,
+    png: Annotated[Path | None, typer.Option(metavar="OUT_DIR", help="Write pictures into this folder.")] = None,
+    every: Annotated[str, typer.Option(metavar="5s", help="Time between the pictures of --png.")] = "5s",
+    layout: Annotated[
+        Path | None, typer.Option(metavar="OUT.json", help="Write a layout that Foxglove shows this recording with.")
+    ] = None,
+    views: Annotated[str | None, typer.Option(metavar="cam0,cam2", help="Show only these cameras.")] = None,
+    from_s: Annotated[
+        float, typer.Option("--from", metavar="S", help="Begin so many seconds after the first frame.")
+    ] = 0.0,
+    to_s: Annotated[
+        float | None, typer.Option("--to", metavar="S", help="End so many seconds after the first frame [the last].")
+    ] = None,
+    smooth: Annotated[
+        bool, typer.Option("--smooth", help="Smooth every track by what came after, as replay --smooth.")
+    ] = False,
+    show_faces: Annotated[
+        bool, typer.Option("--show-faces", help="Do not blur heads: only where the people shown agreed to that.")
+    ] = False,
+    codec: Annotated[VideoCodec, typer.Option(help="mpeg4 where FFmpeg has no H.264 encoder.")] = VideoCodec.h264,
+    as_json: JsonOption = False,
+) -> None:
+    """Make a recording visible: every view with skeletons, boxes and identities, and a floor plan beside them.
+
+    Heads are blurred, of everybody whom the run's networks saw in any frame near; faces of people whom no network
+    saw are NOT blurred. A view that was not looked at for a second is blurred as a whole.
+
+    IN.mcap is a file, the name NAME.mcap of the segments NAME.000.mcap and so on, or a folder with one recording.
+
+    Exit code 0: done; 2: not a recording, or one without frames or detections.
+    """
+    from recognition.sources.recording import open_recording
+    from recognition.viewing import Rendering, RenderOptions, foxglove_layout, read_footage
+
+    if output is None and png is None and layout is None:
+        raise OptionError("-o", expected="-o OUT.mp4, --png OUT_DIR or --layout OUT.json", got=None)
+    every_s = seconds("--every", every)
+    opened = open_recording(recording)
+    use = used_cameras(opened.rig, views)
+    footage = read_footage(opened)
+    told: dict[str, Any] = {"recording": str(recording), "warnings": list(opened.warnings)}
+    if layout is not None:
+        shown = {camera_id: topic for (camera_id, topic) in footage.topics.items()
+                 if use[opened.rig.camera_ids.index(camera_id)]}  # fmt: skip
+        with writing(layout):
+            layout.write_text(json.dumps(foxglove_layout(opened.rig, shown), indent=1) + "\n", encoding="utf-8")
+        told["layout"] = str(layout)
+    if output is not None or png is not None:
+        options = RenderOptions(use, from_s, to_s, None if output else every_s, show_faces, smooth)
+        rendering = Rendering(footage, options)
+        told |= _pictures(rendering, output, png, every_s, codec)
+        if rendering.broken:
+            told["warnings"].append(f"{rendering.broken} frames could not be decoded")
+        told["faces"] = "shown" if show_faces else "blurred"
+    _tell(told, as_json)
+
+
+def _pictures(
+    rendering: Rendering, output: Path | None, png: Path | None, every_s: float, codec: VideoCodec
+) -> dict[str, Any]:
+    """Write what was asked for; what was written."""
+    from recognition.viewing import VideoWriter
+
+    count, files, next_s = 0, 0, float("-inf")
+    with ExitStack() as stack:
+        writer = None
+        if output is not None:
+            stack.enter_context(writing(output))
+            writer = stack.enter_context(VideoWriter(output, rendering.size_wh, rendering.rate, codec.value))
+        for picture in rendering.pictures():
+            count += 1
+            if writer is not None:
+                writer.write(picture.image_bgr, picture.t_ns)
+            if png is not None and picture.after_s >= next_s:
+                _write_png(png, picture)
+                files, next_s = files + 1, picture.after_s + every_s - 0.5 / rendering.rate
+    told: dict[str, Any] = {"frames": count} if output else {}
+    told |= {"video": str(output)} if output else {}
+    return told | ({"png": str(png), "pictures": files} if png else {})
+
+
+def _write_png(folder: Path, picture: Picture) -> None:
+    import cv2
+
+    path = folder / f"{picture.after_s:010.3f}s.png"
+    with writing(path):
+        is_made, data = cv2.imencode(".png", picture.image_bgr)
+        if not is_made:
+            raise OutputError(path, got="the picture could not be encoded")
+        path.write_bytes(data.tobytes())
+
+
+def _tell(told: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        print_json(told)
+        return
+    for warning in told["warnings"]:
+        typer.echo(f"warning: {warning}")
+    if "video" in told:
+        typer.echo(f"video     {told['video']} ({told['frames']} frames, faces {told['faces']})")
+    if "png" in told:
+        typer.echo(f"pictures  {told['png']} ({told['pictures']} files, faces {told['faces']})")
+    if "layout" in told:
+        typer.echo(f"layout    {told['layout']} (in Foxglove: Layouts, Import from file)")

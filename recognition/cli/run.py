@@ -1,0 +1,177 @@
+"""``recognition run``: a capture or live cameras in, a recording out."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from recognition.cli._app import JsonOption, app
+from recognition.cli._chosen import (
+    DEFAULT_FPS,
+    AssociationMethod,
+    declared_fps,
+    detector_of,
+    require_runnable,
+    used_cameras,
+    write_poses_of,
+)
+from recognition.errors import SourceError
+from rigcal.errors import writing
+
+if TYPE_CHECKING:
+    from recognition.cli._running import Storage
+
+
+class Keep(StrEnum):
+    """What stays when the room for the recording is used up."""
+
+    newest = "newest"
+    oldest = "oldest"
+
+
+@app.command()
+def run(
+    rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file, NAME.rig.json.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT.mcap", help="The recording to write.")],
+    source: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="CAPTURE|URL",
+            help="Folder with a video or a folder of images per camera; or a live camera, rtsp://... or "
+            "cam0=rtsp://..., once for each [those of --site].",
+        ),
+    ] = None,
+    site: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Site file: live sources, and how old their clocks may be.")
+    ] = None,
+    detections: Annotated[
+        Path | None, typer.Option(metavar="FILE.npz", help="2D detections, instead of networks.")
+    ] = None,
+    object_model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Network of objects' boxes instead of the bundled one, .onnx or its .toml manifest.",
+        ),
+    ] = None,
+    pose_model: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Network of people's joints instead of the bundled one, .onnx or its .toml."),
+    ] = None,
+    poses: Annotated[
+        Path | None, typer.Option(metavar="OUT.npz", help="Also write every worker's joints in 3D.")
+    ] = None,
+    views: Annotated[str | None, typer.Option(metavar="cam0,cam2", help="Use only these cameras of the rig.")] = None,
+    association: Annotated[
+        AssociationMethod,
+        typer.Option(help="Whether tracks claim detections first, or views are matched as the paper does."),
+    ] = AssociationMethod.tracked,
+    fps: Annotated[
+        float | None,
+        typer.Option(min=0.001, help="Frame rate where the images or detections hold no times [rig file's, else 30]."),
+    ] = None,
+    interpolate: Annotated[
+        bool,
+        typer.Option(
+            "--interpolate", help="Move detections to the instants' common times; for cameras not triggered together."
+        ),
+    ] = False,
+    realtime: Annotated[
+        bool,
+        typer.Option(
+            "--realtime", help="Pace files at their capture time, and skip frame sets as live cameras would have it."
+        ),
+    ] = False,
+    segment: Annotated[
+        str | None, typer.Option(metavar="10min", help="Record segments of this length, OUT.000.mcap and so on.")
+    ] = None,
+    max_disk: Annotated[
+        str | None, typer.Option(metavar="200GB", help="What the recording may take [the disk, less 256 MB].")
+    ] = None,
+    keep: Annotated[
+        Keep | None,
+        typer.Option(help="What stays when that is used up: the newest segments, or what was recorded first."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Track workers and objects in 3D over a capture or live cameras, and record frames, detections and scenes.
+
+    Frames without --detections are looked at by the networks that come with the package; --pose-model replaces their
+    people, --object-model their objects. Ctrl-C ends the run with a finished recording.
+
+    Exit code 0: done; 2: bad input, or a rig file that must not be run.
+    """
+    from recognition.cli import _running as running
+    from recognition.cli._signals import stop_on_signal
+    from recognition.feeds import FeedOptions
+    from recognition.live import chosen_sources, live_cameras, paced_capture
+    from recognition.placing import PlacingOptions
+    from recognition.runtime import RunOptions
+    from rigcal.rigfile import read_rigfile, rig_of
+    from rigcal.site import Site, load_site
+
+    document = read_rigfile(rig)
+    loaded = rig_of(document)
+    require_runnable(rig, loaded)
+    known_site = load_site(site) if site is not None else None
+    use = used_cameras(loaded, views)
+    where = chosen_sources(source or [], loaded, use, known_site if detections is None else None)
+    if isinstance(where, dict) and detections is not None:
+        raise _detections_of_live()
+    job = running.Job(
+        rig_path=rig,
+        output=output,
+        rig=loaded,
+        feed=FeedOptions(use, fps or declared_fps(document, known_site) or DEFAULT_FPS, interpolate),
+        options=RunOptions(
+            placing=PlacingOptions(method=association.value),
+            use=use,
+            realtime=realtime,
+            interpolate=interpolate,
+            keep_scenes=poses is not None,
+        ),
+        storage=_storage(segment, max_disk, keep),
+        detector=detector_of(object_model, pose_model, needed=where is not None and detections is None),
+        clock_age_s=(known_site.clock_age_s if known_site else Site.model_fields["clock_age_s"].default),
+        quiet=as_json,
+    )
+    with writing(output), stop_on_signal() as stop:
+        if isinstance(where, dict):
+            told = running.run_streams(job, live_cameras(loaded, where), stop)
+        elif where is not None and realtime and detections is None:
+            told = running.run_streams(job, paced_capture(where, loaded, job.feed), stop)
+        else:
+            told = running.run_files(job, where, detections, stop)
+    if poses is not None:
+        write_poses_of(told.result.scenes, loaded, poses)
+    if as_json:
+        running.tell_json(loaded, told, poses)
+    else:
+        running.tell(loaded, told, stop, poses)
+
+
+def _storage(segment: str | None, max_disk: str | None, keep: Keep | None) -> Storage:
+    from recognition.cli._amounts import seconds, size_bytes
+    from recognition.cli._running import Storage
+    from recognition.recording import DiskBudget
+
+    return Storage(
+        segment_s=None if segment is None else seconds("--segment", segment),
+        budget=DiskBudget(
+            max_bytes=None if max_disk is None else size_bytes("--max-disk", max_disk),
+            keep=None if keep is None else keep.value,
+        ),
+    )
+
+
+def _detections_of_live() -> SourceError:
+    return SourceError(
+        "a file cannot say what live cameras will see",
+        where="--detections with live sources",
+        expected="a capture, or no --detections",
+        got="both",
+        do_next="leave --detections out, or give the capture that it was made of",
+    )

@@ -1,0 +1,198 @@
+"""Objects: which boxes are theirs, what is known of them afterwards, and hats by the heads of those who wear them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from recognition.association.claims import claim
+from recognition.association.leftovers import Leftovers, group
+from recognition.observed import KEYPOINTS, Detected
+from recognition.optics import Optics
+from recognition.tracking.body import HEAD, TORSO
+from recognition.tracking.meeting import Search, met
+from recognition.tracking.options import FollowOptions
+from recognition.tracking.population import LONG_AGO_NS, Population
+from recognition.triangulation.fusion import Fused, Motion
+from rigcal.geometry import Bools, Floats, Ints
+
+DENSITY = 1.0
+"""Of the white acceleration of objects, m^2/s^3."""
+HAT_UP_M, HAT_SIGMA_M = 0.12, 0.10
+"""How far above the middle of nose, eyes and ears the middle of a hat is, along the body, and the deviation of that."""
+WORN_M = 0.3
+"""A hat nearer than this to where a worker's hat would be is that worker's."""
+UNKNOWN_M, UNKNOWN_M_PER_S = 0.7, 0.3
+"""Standard deviations of a keypoint that was never seen: of its place around the object's middle, and its speed."""
+MAX_PAIR_VAR = 1.0
+"""m^2; rays that place a box's middle with a larger variance do not pair two boxes."""
+_HEAD_AND_TRUNK = np.array([[float(joint in part) for joint in range(17)] for part in (HEAD, TORSO)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Heads:
+    """Where H workers have their heads, and would have their hats."""
+
+    track_id: Ints
+    """(H,)"""
+    middle_m: Floats
+    """(H, 3) of the known joints of the head."""
+    hat_m: Floats
+    """(H, 3)"""
+    variance: Floats
+    """(H,) of each coordinate of the middle, m^2."""
+    rows: Ints
+    """(H,) of the workers,"""
+    share: Floats
+    """and (H, 1, 17) of their joints in the middle."""
+
+    @classmethod
+    def of(cls, workers: Population) -> Heads:
+        """Of the workers with an identity whose head is known."""
+        weight = workers.known[:, None] * _HEAD_AND_TRUNK
+        count = weight.sum(axis=2)
+        (rows,) = ((workers.track_id > 0) & (count[:, 0] > 0)).nonzero()
+        weight = weight[rows] / np.maximum(count[rows], 1.0)[..., None]
+        middles = weight @ workers.place_m[rows]
+        head = middles[:, 0]
+        up = head - middles[:, 1]
+        up *= HAT_UP_M / np.maximum(np.sqrt((up * up).sum(axis=1, keepdims=True)), 1e-6)
+        share = weight[:, :1]
+        variance = (share @ workers.variance[rows][..., None])[:, 0, 0]
+        return cls(workers.track_id[rows], head, head + up, variance, rows, share)
+
+    def at(self, workers: Population) -> Heads:
+        """The same heads where the same workers have them now."""
+        middle_m = (self.share @ workers.place_m[self.rows])[:, 0]
+        hat_m = middle_m + (self.hat_m - self.middle_m)
+        return Heads(self.track_id, middle_m, hat_m, self.variance, self.rows, self.share)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Things:
+    """K objects, and who wears them."""
+
+    population: Population
+    owner: Ints
+    """(K,) identifier of the worker who wears it, 0 for none."""
+    offset_m: Floats
+    """(K, 3) from the middle of that worker's head."""
+
+    @classmethod
+    def none(cls) -> Things:
+        """No object."""
+        return cls(Population.none(1), np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+
+    def rows(self, chosen: Bools) -> Things:
+        """Some of the objects."""
+        return Things(self.population.rows(chosen), self.owner[chosen], self.offset_m[chosen])
+
+    def of(self, population: Population) -> Things:
+        """The same objects in other places."""
+        return Things(population, self.owner, self.offset_m)
+
+    def with_keypoints(self) -> Things:
+        """With the keypoints beside the middles, unknown until seen."""
+        middle = self.population
+        if middle.points > 1:
+            return self
+        count = len(middle.known)
+        place = np.full((count, 1 + KEYPOINTS, 3), np.nan)
+        place[:, 0] = middle.motion.state[:, :3]
+        wide = Population.at(place, middle.label)
+        wide.motion.state[:: 1 + KEYPOINTS] = middle.motion.state
+        wide.motion.covariance[:: 1 + KEYPOINTS] = middle.motion.covariance
+        seen_ns = np.full((count, 1 + KEYPOINTS), LONG_AGO_NS)
+        seen_ns[:, 0] = middle.seen_ns[:, 0]
+        return self.of(
+            Population(
+                middle.track_id, middle.label, middle.evidence, middle.placed_ns, seen_ns, wide.known,
+                Motion.of(wide.motion.state, wide.motion.covariance),
+            )
+        )  # fmt: skip
+
+
+def wear(things: Things, heads: Heads) -> None:
+    """Put predicted objects that are worn where the predicted heads are, in place."""
+    (worn,) = things.owner.nonzero()
+    if not (len(worn) and len(heads.track_id)):
+        return
+    same = things.owner[worn, None] == heads.track_id
+    head, there = same.argmax(axis=1), same.any(axis=1)
+    rows = worn[there] * things.population.points
+    things.population.motion.state[rows, :3] = heads.middle_m[head[there]] + things.offset_m[worn[there]]
+
+
+def find(
+    optics: Optics, things: Things, heads: Heads, boxes: Detected, worn: Ints, options: FollowOptions, t_ns: int
+) -> tuple[Things, Ints]:
+    """Predicted objects with the new ones, and the rows of the boxes (K, V) that are theirs."""
+    population, middles = things.population, boxes.points(1)
+    variance = population.variance[:, 0]
+    (named,) = population.track_id.nonzero()
+    place, doubt, label = population.place_m[named, :1], variance[named, None], population.label[named]
+    (bare,) = (heads.track_id[:, None] != things.owner[named]).all(axis=1).nonzero()
+    hats = np.tile(heads.hat_m[bare], (len(worn), 1))[:, None]
+    if len(hats):
+        place = np.concatenate([place, hats])
+        doubt = np.concatenate([doubt, np.tile(heads.variance[bare] + HAT_SIGMA_M**2, len(worn))[:, None]])
+        label = np.concatenate([label, np.repeat(worn, len(bare))])
+    claims = claim(
+        optics, middles, place, doubt, np.ones(doubt.shape, dtype=np.bool_), label, min_shared=1,
+        max_sigmas=options.thing_sigmas,
+    )  # fmt: skip
+    members = np.full((len(variance), optics.views), -1)
+    members[named] = claims[: len(named)]
+    by_head = claims[len(named) :]
+    (several,) = ((by_head >= 0).sum(axis=1) >= 2).nonzero()
+    free = np.ones(boxes.count + 1, dtype=np.bool_)
+    free[members] = False
+    free[by_head[several]] = False
+    groups = group(
+        optics, middles, np.flatnonzero(free[:-1]), min_shared=1, max_sigmas=options.thing_sigmas,
+        max_parallax_var=MAX_PAIR_VAR,
+    )  # fmt: skip
+    new_place = np.full((len(several) + len(groups.members), population.points, 3), np.nan)
+    new_place[:, :1] = np.concatenate([hats[several], groups.place_m])
+    found = Leftovers(np.concatenate([by_head[several], groups.members]), new_place)
+    search = Search(options.object_jump_m, options.search_m_per_s, options.search_most_m, options.object_apart_m)
+    label = boxes.label[found.members.max(axis=1)]
+    lost, nothing = variance > options.confident_m**2, np.full_like(members, -1)
+    population, members = met(population, members, nothing, found, label, lost, search, t_ns)
+    more = len(population.known) - len(things.owner)
+    if more:
+        owner = np.concatenate([things.owner, np.zeros(more, dtype=np.int64)])
+        things = Things(population, owner, np.concatenate([things.offset_m, np.zeros((more, 3))]))
+    return things.of(population), members
+
+
+def settled(things: Things, fused: Fused, heads: Heads, worn: Ints, t_ns: int) -> Things:
+    """Objects after the update."""
+    before = things.population
+    views = fused.views.reshape(before.known.shape)
+    evidence = before.evidence
+    if not before.track_id.all():
+        evidence = evidence + np.where(before.track_id == 0, np.maximum(views[:, 0] - 1, 0), 0)
+    after = Population(
+        before.track_id, before.label, evidence, np.where(views[:, 0] >= 2, t_ns, before.placed_ns),
+        np.where(views > 0, t_ns, before.seen_ns), before.known | (views >= 2), fused.motion,
+    )  # fmt: skip
+    owner, offset_m = _worn(after, things, heads, worn, views[:, 0] > 0)
+    return Things(after, owner, offset_m)
+
+
+def _worn(population: Population, things: Things, heads: Heads, worn: Ints, seen: Bools) -> tuple[Ints, Floats]:
+    """Who wears each object (K,), and where (K, 3); what is not seen stays with its owner."""
+    (rows,) = (seen & (population.label[:, None] == worn).any(axis=1)).nonzero()
+    if not (len(heads.track_id) and len(rows)):
+        return things.owner, things.offset_m
+    place = population.place_m[rows, 0]
+    away = place[:, None] - heads.hat_m
+    square = (away * away).sum(axis=-1)
+    nearest = square.argmin(axis=1)
+    on = square[np.arange(len(rows)), nearest] < WORN_M**2
+    owner, offset_m = things.owner.copy(), things.offset_m.copy()
+    owner[rows] = np.where(on, heads.track_id[nearest], 0)
+    offset_m[rows] = place - heads.middle_m[nearest]
+    return owner, offset_m

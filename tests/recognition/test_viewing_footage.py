@@ -1,0 +1,114 @@
+"""Frames out of a recording of H.264: the right ones, from wherever one begins, and past what is broken."""
+
+from fractions import Fraction
+
+import av
+import av.codec
+import numpy as np
+import pytest
+
+from recognition.errors import RecordingError
+from recognition.h264 import is_key_frame
+from recognition.recording import Recorder
+from recognition.sources.recording import open_recording
+from recognition.sources.stream import Packet
+from recognition.synthetic import semicircle_rig
+from recognition.viewing import Rendering, RenderOptions, read_footage
+from recognition.viewing.footage import STALE_S, CameraFrames
+from rigcal.rigfile import document_of_rig, read_rigfile, rig_of, write_rigfile
+
+pytestmark = pytest.mark.skipif("libx264" not in av.codec.codecs_available, reason="nothing here encodes H.264")
+SIZE_WH, FRAMES, GOP = (64, 48), 12, 4
+T0, STEP_NS = 1_800_000_000_000_000_000, 100_000_000
+
+
+def grey(k):
+    return 30 + 15 * k
+
+
+def access_units():
+    """H.264 of frames of one grey each, a key frame every GOP."""
+    context = av.CodecContext.create("libx264", "w")
+    context.width, context.height, context.pix_fmt = *SIZE_WH, "yuv420p"
+    context.framerate, context.gop_size, context.max_b_frames = 10, GOP, 0
+    context.time_base = Fraction(1, 1_000_000)
+    context.options = {"tune": "zerolatency", "x264-params": f"keyint={GOP}:scenecut=0:repeat-headers=1:annexb=1"}
+    units = []
+    for k in [*range(FRAMES), None]:
+        frame = None
+        if k is not None:
+            frame = av.VideoFrame.from_ndarray(np.full((*SIZE_WH[::-1], 3), grey(k), np.uint8), format="bgr24")
+            frame.pts = k * 100_000
+        units += [bytes(packet) for packet in context.encode(frame)]
+    return units
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Makes a recording of access units of cam0."""
+    folder = tmp_path_factory.mktemp("footage")
+    made = document_of_rig(
+        semicircle_rig(2, size_wh=SIZE_WH), created_utc="2026-01-01T00:00:00Z", inputs_sha256="0" * 64
+    )
+    write_rigfile(made, folder / "s.rig.json")
+    rig = rig_of(read_rigfile(folder / "s.rig.json"))
+
+    def record(name, units, **options):
+        json = (folder / "s.rig.json").read_bytes()
+        with Recorder(folder / f"{name}.mcap", rig=rig, rig_json=json, metadata={}, **options) as recorder:
+            for k, unit in enumerate(units):
+                recorder.write_packet(Packet(0, k, T0 + k * STEP_NS, None, unit, "h264", is_key_frame(unit)))
+        return read_footage(open_recording(folder / f"{name}.mcap"))
+
+    return record
+
+
+def greys(footage, numbers):
+    frames = CameraFrames(footage, "cam0", numbers[0])
+    return [float(frames.image_bgr(number).mean()) for number in numbers], frames.broken
+
+
+def test_frames_are_the_right_ones_from_the_middle_of_a_group_on(recorded):
+    footage = recorded("whole", access_units())
+    assert footage.topics == {"cam0": "/cam0/video"}
+    for numbers in ([0, 1, 2, 3], [6, 7, 11], [3], [4]):
+        found, broken = greys(footage, numbers)
+        assert broken == 0
+        np.testing.assert_allclose(found, [grey(k) for k in numbers], atol=4)
+
+
+def test_frames_go_on_over_segments(recorded):
+    footage = recorded("cut", access_units(), segment_s=0.35)
+    assert len(footage.run.files) == 3
+    np.testing.assert_allclose(greys(footage, [2, 5, 9])[0], [grey(2), grey(5), grey(9)], atol=4)
+
+
+def test_a_broken_frame_is_counted_and_the_one_before_it_shown(recorded):
+    units = access_units()
+    at = units[6].index(b"\x00\x00\x01") + 4
+    units[6] = units[6][:at] + bytes(len(units[6]) - at)
+    found, broken = greys(recorded("broken", units), [5, 6, 8])
+    np.testing.assert_allclose([found[0], found[2]], [grey(5), grey(8)], atol=4)
+    assert broken == 1
+    assert abs(found[1] - grey(5)) < 4
+
+
+def test_the_nearest_frame_is_shown_unless_it_is_stale(recorded):
+    footage = recorded("near", access_units())
+    assert [footage.nearest("cam0", T0 + round(at * STEP_NS)) for at in (0, 2.4, 2.6, -1)] == [0, 2, 3, 0]
+    assert footage.nearest("cam0", T0 - round(STALE_S * 1e9) - 1) is None
+    assert footage.nearest("cam1", T0) is None
+    assert footage.span_ns == (T0, T0 + (FRAMES - 1) * STEP_NS)
+
+
+def test_video_without_detections_is_not_shown_since_nobody_knows_whose_faces_are_in_it(recorded):
+    footage = recorded("alone", access_units())
+    with pytest.raises(RecordingError, match="holds no detections"):
+        Rendering(footage, RenderOptions((True, True)))
+
+
+def test_a_camera_that_has_no_frames_cannot_be_shown_alone(recorded):
+    footage = recorded("other", access_units())
+    with pytest.raises(RecordingError, match="there are no frames to show") as caught:
+        Rendering(footage, RenderOptions((False, True)))
+    assert "cameras cam0" in caught.value.expected

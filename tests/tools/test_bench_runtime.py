@@ -1,0 +1,42 @@
+"""The runtime's benchmark measures what it says: the association is given, and the picture shows every figure."""
+
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recognition.synthetic_crowds import Bursts, crowd
+from recognition.synthetic_views import DetectorNoise
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools" / "bench"))
+from runtime_crowds import METHODS, given_the_association, tracked
+from runtime_plot import Curve, growth_plot
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_with_the_association_given_nobody_is_confused_with_anybody(method):
+    people = crowd(3, seconds=2.0, seed=0)
+    given, alone = given_the_association(people, method), tracked(people, method)
+    assert (given.switches, given.precision) == (0, 1.0)
+    assert given.pcp3d >= alone.pcp3d - 1e-3
+    assert given.recall > 0.9
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_perfect_detections_are_worth_full_marks(method):
+    people = crowd(1, seconds=1.0, seed=1, noise=DetectorNoise(), bursts=Bursts(per_minute=0.0))
+    scores = tracked(people, method)
+    assert scores.pcp3d > 0.93
+    assert scores.mpjpe_m < 0.01
+
+
+def test_the_plot_has_every_figure_where_it_belongs():
+    curves = [Curve(method, cameras, (1, 4, 20), (1.0, 10.0, 100.0)) for method in ("a", "b") for cameras in (4, 16)]
+    root = ET.fromstring(growth_plot(curves, frame_ms=33.3))
+    lines = root.findall("{*}polyline")
+    assert len(lines) == 4
+    height = [float(point.split(",")[1]) for point in lines[0].attrib["points"].split()]
+    assert np.diff(height) == pytest.approx(np.full(2, height[1] - height[0]))  # decades are equally high
+    assert [text.text for text in root.findall("{*}text") if "cameras" in text.text] == ["4 cameras", "16 cameras"] * 2
