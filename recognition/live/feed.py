@@ -1,21 +1,23 @@
 """Instants of cameras that do not wait: everything recorded, the newest frame set looked at, the older ones skipped.
 
 For each camera one thread receives and one decodes; one thread records; the networks look at the views of a set in as
-many threads as there are processors. Every queue is bounded, and what happens when it is full is stated where it is:
+many threads as there are processors, and already at the next set while the caller places what was seen in the last one.
+Every queue is bounded, and what happens when it is full is stated where it is:
 
 - packets to the disk: :mod:`recognition.live.recording` (a camera's packets are lost up to its next key frame; loud);
 - packets to a decoder: :mod:`recognition.live.camera` (left undecoded up to the next key frame; recorded all the same);
 - frames that wait for their partners: :mod:`recognition.grouping` (an instant leaves without them);
-- frame sets to the networks: :mod:`recognition.live.gathering` (a newer one takes the place of an older one).
+- frame sets to the networks: :mod:`recognition.live.gathering` (a newer one takes the place of an older one);
+- what was seen to the caller: the networks wait, since a caller that is slower than they are must not fall behind.
 """
 
 from __future__ import annotations
 
-import os
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from threading import Event
 from types import TracebackType
@@ -26,9 +28,10 @@ from recognition.errors import SourceError
 from recognition.grouping import GroupingOptions
 from recognition.live.books import Books
 from recognition.live.camera import LiveCamera, Shared
-from recognition.live.gathering import Gathering, Numbered
+from recognition.live.gathering import Gathering
 from recognition.live.journal import Entry, Journal
 from recognition.live.latency import Latency
+from recognition.live.looking import Looking, Seen
 from recognition.live.recording import PacketRecording
 from recognition.monitoring import Verdict, clock_faults, judged
 from recognition.observations import FrameSet, Instant, ViewDetections
@@ -46,6 +49,9 @@ _BOOKS_S = 1.0
 """Over which rates are taken, and after which clocks are judged again."""
 _REPORT_S = 10.0
 """How often skipped sets are put down in the recording."""
+_SWITCH_S = 1e-4
+"""After so long a thread that computes in Python makes way for one that waits to go on. Python's own 5 ms are long
+here: the thread that is to hand the next picture to a network waits for those that place, decode and record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +88,7 @@ class LiveFeed:
         now_ns: Callable[[], int],
         options: LiveOptions,
     ) -> None:
-        self._rig, self._detector, self._recorder, self._options = rig, detector, recorder, options
+        self._rig, self._recorder, self._options = rig, recorder, options
         self._now_ns = now_ns
         self._journal = Journal(now_ns)
         self._recording = PacketRecording(recorder, rig.camera_ids, self._journal)
@@ -93,7 +99,8 @@ class LiveFeed:
         self._cameras = [LiveCamera(rig.camera_ids[stream.camera], stream, shared) for stream in streams]
         self._stack = ExitStack()
         self._work: list[Future[None]] = []
-        self._looked_at = self._silences = 0
+        self._looking = Looking(self._gathering, detector, self._stopping, self._broken)
+        self._looked_at = self._silences = self._abandoned = 0
         self._latency, self._is_unrecorded = Latency(), False
         self._books = Books.opened(time.monotonic(), len(streams))
         self.announce: Callable[[Entry], None] = lambda _entry: None
@@ -101,10 +108,11 @@ class LiveFeed:
 
     def __enter__(self) -> Self:
         self._judge_clocks()
-        self._views = self._stack.enter_context(ThreadPoolExecutor(os.cpu_count(), "look"))
-        threads = self._stack.enter_context(ThreadPoolExecutor(2 * len(self._cameras) + 1, "live"))
+        self._stack.enter_context(_quick_switching())
+        threads = self._stack.enter_context(ThreadPoolExecutor(2 * len(self._cameras) + 2, "live"))
         self._writing = threads.submit(self._recording.run)
-        self._work = [threads.submit(work) for one in self._cameras for work in (one.decode, one.receive)]
+        cameras = (work for one in self._cameras for work in (one.decode, one.receive))
+        self._work = [threads.submit(work) for work in (*cameras, self._looking.run)]
         return self
 
     def __exit__(
@@ -116,6 +124,7 @@ class LiveFeed:
         wait(self._work)
         self._recording.close()
         self._stack.close()
+        self._abandoned = self._gathering.sets - self._gathering.skipped - self._looked_at
         if kind is None:
             self._raise_failures()
             self._report(time.monotonic())
@@ -132,14 +141,15 @@ class LiveFeed:
         heard_s = time.monotonic()
         while not (stop is not None and stop()):
             self._raise_failures()
-            taken = self._gathering.take(_POLL_S)
+            seen = self._looking.next(_POLL_S)
             now_s = time.monotonic()
-            if taken is not None:
+            if seen is not None:
                 heard_s = now_s
-                yield self._seen(taken)
-            elif self._gathering.is_over:
+                yield self._instant(seen)
+            elif self._looking.is_over:
+                self._raise_failures()
                 return
-            elif now_s - heard_s > SILENCE_S:
+            elif now_s - heard_s > SILENCE_S and not self._looking.is_busy:
                 heard_s = now_s
                 yield self._nothing()
             self._keep_books()
@@ -169,7 +179,7 @@ class LiveFeed:
             cameras=tuple(map(self._camera_status, self._cameras, books.fps)),
             sets=gathering.sets,
             looked_at=self._looked_at,
-            skipped=gathering.skipped,
+            skipped=gathering.skipped + self._abandoned,
             alone=gathering.alone,
             sets_per_s=books.sets_per_s,
             latency_p50_s=self._latency.quantile_s(0.5),
@@ -192,24 +202,15 @@ class LiveFeed:
             fault=camera.fault,
         )
 
-    def _seen(self, taken: Numbered[DecodedFrame]) -> Instant:
+    def _instant(self, seen: Seen) -> Instant:
         self._looked_at += 1
-        group = taken.group
-        seen = tuple(self._views.map(self._detections, group.frames))
-        times_ns = tuple(None if view is None else t_ns for view, t_ns in zip(seen, group.times_ns, strict=True))
-        number = taken.number + self._silences
-        return Instant(_frame_set(number, group.t_ns, times_ns), tuple(view or ViewDetections.empty() for view in seen))
+        number, group = seen.taken
+        times_ns = tuple(None if view is None else t_ns for view, t_ns in zip(seen.views, group.times_ns, strict=True))
+        frame_set = _frame_set(number + self._silences, group.t_ns, times_ns)
+        return Instant(frame_set, tuple(view or ViewDetections.empty() for view in seen.views))
 
-    def _detections(self, frame: DecodedFrame | None) -> ViewDetections | None:
-        """None where there is no frame, or no image can be made of it."""
-        if frame is None:
-            return None
-        try:
-            image_bgr = frame.image_bgr()
-        except SourceError as error:
-            next(one for one in self._cameras if one.index == frame.packet.camera).broken(error)
-            return None
-        return self._detector.detect(image_bgr)
+    def _broken(self, camera: int, error: SourceError) -> None:
+        next(one for one in self._cameras if one.index == camera).broken(error)
 
     def _nothing(self) -> Instant:
         views = len(self._rig.cameras)
@@ -270,6 +271,17 @@ class LiveFeed:
             receive_ns = entry.t_ns if self._options.is_live else None
             self._recorder.log(entry.level, entry.text, entry.t_ns, receive_ns=receive_ns)
             self.announce(entry)
+
+
+@contextmanager
+def _quick_switching() -> Iterator[None]:
+    """Have threads make way for each other soon; the setting is the whole interpreter's, and is put back."""
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(_SWITCH_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before_s)
 
 
 def _frame_set(number: int, t_ns: int, times_ns: tuple[int | None, ...]) -> FrameSet:

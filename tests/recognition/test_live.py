@@ -213,6 +213,7 @@ def test_a_run_that_is_stopped_has_a_finished_recording(tmp_path):
     run = Run(tmp_path, cameras_of(3), frames=500, stop=lambda: time.monotonic() > stopping, paced=True)
     assert run.result.stopped
     assert [run.recorded(one.camera) for one in run.cameras] == [one.sent for one in run.cameras]
+    assert run.status.sets == run.status.looked_at + run.status.skipped
     assert run.recording.exists()
 
 
