@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from recognition.detectors.bundled.decode import decode_hats, decode_joints, decode_site, site_shapes, suppressed
 from recognition.detectors.bundled.geometry import PAD, WORKER_WH, crop_placing, crop_xyxy
-from recognition.detectors.bundled.images import site_input, worker_input
+from recognition.detectors.bundled.images import halves, site_input, worker_input
 
 CELLS = 64 * 36 + 32 * 18 + 16 * 9
 FINE = 5 * 64 + 10
@@ -55,9 +57,42 @@ def test_beside_an_image_of_another_aspect_the_site_input_is_grey():
 
 
 @pytest.mark.parametrize("image", [np.zeros((9, 9), np.uint8), np.zeros((9, 9, 3), np.float32)])
-def test_what_is_no_colour_image_is_refused(image):
+@pytest.mark.parametrize("look", [site_input, halves])
+def test_what_is_no_colour_image_is_refused(look, image):
     with pytest.raises(ValueError, match=r"expected \(H, W, 3\) uint8"):
-        site_input(image)
+        look(image)
+
+
+def noise(width, height):
+    return np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+def test_a_pixel_of_a_half_is_the_mean_of_four():
+    image = noise(2560, 1440)
+    levels = halves(image)
+    assert [level.shape[:2] for level in levels] == [(1440, 2560), (720, 1280), (360, 640)]
+    assert levels[0] is image
+    for level, half in pairwise(levels):
+        four = level.astype(int).reshape(half.shape[0], 2, half.shape[1], 2, 3)
+        assert np.array_equal(half, (four.sum(axis=(1, 3)) + 2) // 4)
+
+
+@pytest.mark.parametrize(("size_wh", "count"), [((640, 360), 1), ((2050, 1154), 2), ((1919, 1080), 1)])
+def test_an_image_is_halved_while_it_is_twice_the_input_and_even(size_wh, count):
+    assert len(halves(noise(*size_wh))) == count
+
+
+@pytest.mark.parametrize("size_wh", [(1920, 1080), (2560, 1440), (1088, 1920), (2050, 1154), (1919, 1080), (333, 177)])
+def test_halves_that_somebody_has_change_no_input(size_wh):
+    image, *smaller = halves(noise(*size_wh))
+    alone, together = site_input(image), site_input(image, *smaller)
+    assert np.array_equal(together.tensor, alone.tensor)
+    assert np.array_equal(together.scale_xy, alone.scale_xy)
+    for height in np.array([0.05, 0.2, 0.45, 0.9, 2.5]) * size_wh[1]:
+        for left, top in [(0.31, 0.27), (-0.1, 0.5), (0.8, -0.2), (0.9, 0.8)]:
+            corner = np.array([left, top]) * size_wh
+            placing = crop_placing(crop_xyxy([[*corner, *corner + (0.4 * height, height)]])[0])
+            assert np.array_equal(worker_input(image, placing, *smaller), worker_input(image, placing))
 
 
 @pytest.mark.parametrize("height_px", [40.3, 150.4, 210.7, 700.1])
@@ -157,6 +192,25 @@ def test_a_joint_at_the_border_of_the_grid_stays_in_its_cell():
     heat = np.zeros((1, 1, 32, 24), np.float32)
     heat[0, 0, 0, 23] = 1
     assert decode_joints(heat, np.ones((1, 1, 2), np.float32))[0, 0, :3] == pytest.approx([94, 2, 1])
+
+
+@pytest.mark.parametrize("cell", [(0, 0), (0, 23), (31, 0), (31, 23), (15, 0), (16, 23), (0, 11), (31, 12)])
+def test_heat_of_other_rows_and_other_joints_is_not_around_a_joint_at_the_border(cell):
+    heat = np.full((2, 3, 32, 24), 0.25, np.float32)
+    heat[1, 1] = 0.125
+    heat[1, 1, *cell] = 0.5
+    rows, columns = (range(max(at - 1, 0), min(at + 2, size)) for at, size in zip(cell, (32, 24), strict=True))
+    x, y, score, _ = decode_joints(heat, np.ones((2, 3, 2), np.float32))[1, 1]
+    assert (x, y) == (4 * cell[1] + 2, 4 * cell[0] + 2)
+    assert score == 0.5 + 0.125 * (len(rows) * len(columns) - 1)
+
+
+def test_a_hat_of_one_crop_suppresses_none_of_another():
+    hats = np.zeros((3, 5, 32, 24), np.float32)
+    hats[0, :, 3, 10], hats[2, :, 3, 10] = [0.6, 30, 8, 50, 20], [0.9, 30, 8, 50, 20]
+    found = decode_hats(hats, threshold=0.5)
+    assert [scores.tolist() for _, scores in found] == [[pytest.approx(0.6)], [], [pytest.approx(0.9)]]
+    assert np.array_equal(found[0][0], found[2][0])
 
 
 def test_hats_are_read_crop_by_crop():

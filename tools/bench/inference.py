@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.detectors import BundledDetector, People, load_bundled
+from recognition.detectors.bundled import detector as bundled
 from recognition.detectors.bundled import site, worker
 from recognition.detectors.bundled.loading import MODELS
 from recognition.detectors.bundled.site import SiteFindings, SiteNetwork
@@ -108,8 +109,8 @@ def crowded(find: Callable[..., SiteFindings], count: int) -> Callable[..., Site
     boxes = np.stack([left, np.full(count, 350.0), left + 180, np.full(count, 770.0)], axis=-1)
     people, score = People(np.zeros((count, 17, 3)), boxes), np.ones(count)
 
-    def wrapped(network: SiteNetwork, image: Image) -> SiteFindings:
-        return replace(find(network, image), people=people, person_score=score)
+    def wrapped(network: SiteNetwork, levels: tuple[Image, ...]) -> SiteFindings:
+        return replace(find(network, levels), people=people, person_score=score)
 
     return wrapped
 
@@ -145,6 +146,7 @@ def measure(paths: list[Path], detector: BundledDetector, *, people: int | None,
 
     with ExitStack() as stack:
         stack.enter_context(patch.object(Network, "run", run_timed))
+        stack.enter_context(patch.object(bundled, "halves", stages.timed("halve", bundled.halves)))
         stack.enter_context(patch.object(site, "site_input", stages.timed("resize", site.site_input)))
         stack.enter_context(patch.object(worker, "worker_input", stages.timed("crops", worker.worker_input)))
         if people is not None:
@@ -154,7 +156,7 @@ def measure(paths: list[Path], detector: BundledDetector, *, people: int | None,
         shares = [paths[number::workers] for number in range(workers)]
         images = sum(pool.map(lambda share: detect_all(share, detector, stages), shares))
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
-    inside = sum(stages.seconds.get(name, 0.0) for name in ("resize", "site", "crops", "worker"))
+    inside = sum(stages.seconds.get(name, 0.0) for name in ("halve", "resize", "site", "crops", "worker"))
     stages.seconds["outputs"] = stages.seconds.pop("detect") - inside
     return {
         "images": images,

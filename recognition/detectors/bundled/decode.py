@@ -42,7 +42,7 @@ LOG_DISTANCE = (-6.0, 4.5)
 """Least and greatest logarithm of a distance over the stride."""
 _PLACES = 4 + 34 + 17 + 8
 _CANDIDATES = 300
-"""Cells per input that go into suppression; a site has at most 18 things, each found by about 10 cells."""
+"""Cells per image that go into suppression; a site has at most 18 things, each found by about 10 cells."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,20 +83,22 @@ def decode_site(
         threshold: scores below it are no detections; one for all, or (C,) by class.
         overlap: of two boxes of a class with more intersection over union than this, the lower score goes.
     """
-    cell, label = np.nonzero(scores >= np.asarray(threshold, dtype=np.float32))
-    score = scores[cell, label].astype(np.float64)
-    order = np.argsort(-score, kind="stable")[:_CANDIDATES]
-    cell, label, score = cell[order], label[order], score[order]
-    raw, centre, stride = places[cell].astype(np.float64), _CENTRES[cell], _STRIDES[cell]
-    distances = stride * np.exp(np.clip(raw[:, :4], *LOG_DISTANCE))
+    least = np.full(scores.shape[1], threshold, dtype=np.float32)
+    flat = scores.reshape(-1)
+    likely = np.flatnonzero(flat >= least.min())  # few: only they are held against their own class's threshold
+    likely = likely[flat[likely] >= least[likely % len(least)]]
+    likely = likely[np.argsort(-flat[likely], kind="stable")[:_CANDIDATES]]
+    cell, label = np.divmod(likely, len(least))
+    centre, stride = _CENTRES[cell], _STRIDES[cell]
+    distances = stride * np.exp(np.clip(places[cell, :4].astype(np.float64), *LOG_DISTANCE))
     boxes = np.concatenate([centre - distances[:, :2], centre + distances[:, 2:]], axis=1)
-    kept = suppressed(boxes + label[:, None] * 1e4, overlap)
-    raw, centre, stride = raw[kept], centre[kept, None], stride[kept, None]
+    kept = suppressed(_apart(boxes, label), overlap)
+    raw, centre, stride = places[cell[kept]].astype(np.float64), centre[kept, None], stride[kept, None]
     joints = centre + stride * raw[:, 4:38].reshape(-1, 17, 2)
     visible = 1.0 / (1.0 + np.exp(-np.clip(raw[:, 38:55], -30.0, 30.0)))
     return SiteDetections(
         label[kept],
-        score[kept],
+        flat[likely[kept]].astype(np.float64),
         boxes[kept],
         np.concatenate([joints, visible[..., None]], axis=-1),
         centre + stride * raw[:, 55:].reshape(-1, 4, 2),
@@ -119,21 +121,30 @@ _CENTRES, _STRIDES = site_cells()
 def suppressed(boxes: Floats, overlap: float) -> Ints:
     """Indices of the boxes (K, 4), best first, that no better one overlaps by more than ``overlap``."""
     alive = np.ones(len(boxes), dtype=bool)
-    shared = box_iou(boxes, boxes) > overlap if len(boxes) > 1 else np.zeros((1, 1), dtype=bool)
-    for idx in range(len(boxes)):
-        if alive[idx]:
-            alive[idx + 1 :] &= ~shared[idx, idx + 1 :]
+    if len(boxes) > 1:
+        distinct = ~(box_iou(boxes, boxes) > overlap)
+        for idx in range(len(boxes) - 1):
+            if alive[idx]:
+                alive[idx + 1 :] &= distinct[idx, idx + 1 :]
     return np.flatnonzero(alive)
+
+
+def _apart(boxes: Floats, group: Ints) -> Floats:
+    """Boxes (K, 4) so far from those of other groups (K,) that none of another suppresses them."""
+    return boxes + group[:, None] * 1e4
 
 
 def box_iou(first: Floats, second: Floats) -> Floats:
     """(M, N) intersection over union of boxes (M, 4) and (N, 4); 0 where both are empty."""
-    low = np.maximum(first[:, None, :2], second[None, :, :2])
-    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
-    shared = np.clip(high - low, 0.0, None).prod(axis=2)
-    areas = [np.clip(boxes[:, 2:] - boxes[:, :2], 0.0, None).prod(axis=1) for boxes in (first, second)]
-    union = areas[0][:, None] + areas[1][None, :] - shared
+    one, other = np.ascontiguousarray(first.T)[:, :, None], np.ascontiguousarray(second.T)[:, None, :]
+    shared = _area(*np.maximum(one[:2], other[:2]), *np.minimum(one[2:], other[2:]))
+    union = _area(*one) + _area(*other) - shared
     return np.asarray(shared / np.maximum(union, 1e-12))
+
+
+def _area(left: Floats, top: Floats, right: Floats, bottom: Floats) -> Floats:
+    """Of boxes; 0 where they are empty."""
+    return np.asarray(np.maximum(right - left, 0.0) * np.maximum(bottom - top, 0.0))
 
 
 def decode_joints(heat: NDArray[np.float32], states: NDArray[np.float32]) -> Floats:
@@ -144,41 +155,36 @@ def decode_joints(heat: NDArray[np.float32], states: NDArray[np.float32]) -> Flo
     around the highest.
     """
     count, joints, height, width = heat.shape
-    flat = heat.reshape(count, joints, -1)
-    row, column = np.divmod(flat.argmax(axis=2), width)
-    padded = np.pad(heat, ((0, 0), (0, 0), (1, 1), (1, 1)), constant_values=0.0)
-    who = np.ix_(np.arange(count), np.arange(joints))
-    around = np.stack([np.stack([padded[(*who, row + dy, column + dx)] for dx in range(3)], -1) for dy in range(3)], -2)
-    place = np.stack(
-        [
-            column + _parabola(around[..., 1, :], column, width) + 0.5,
-            row + _parabola(around[..., :, 1], row, height) + 0.5,
-        ],
-        axis=-1,
-    )
+    row, column = np.divmod(heat.reshape(count, joints, -1).argmax(axis=2), width)
+    padded = np.zeros((count, joints, height + 2, width + 2), dtype=np.float32)
+    padded[:, :, 1:-1, 1:-1] = heat
+    corner = (np.arange(count * joints).reshape(count, joints) * (height + 2) + row) * (width + 2) + column
+    three_by_three = np.arange(3)[:, None] * (width + 2) + np.arange(3)
+    around = padded.reshape(-1)[corner[..., None, None] + three_by_three]
+    cell = np.stack([column, row], axis=-1)
+    inside = (cell > 0) & (cell < (width - 1, height - 1))
+    top = _parabola(np.stack([around[..., 1, :], around[..., :, 1]], axis=-2))
+    place = (cell + np.where(inside, top, 0.0) + 0.5) * WORKER_STRIDE
     score = states[..., 0] * around.sum(axis=(2, 3))
-    return np.concatenate([place * WORKER_STRIDE, score[..., None], states[..., 1:]], axis=-1).astype(np.float64)
+    return np.concatenate([place, score[..., None], states[..., 1:]], axis=-1).astype(np.float64)
 
 
-def _parabola(three: NDArray[np.float32], place: Ints, size: int) -> Floats:
-    """Where the top lies, -0.5 to 0.5 cells from the middle of (..., 3) values; 0 at the border of the grid."""
+def _parabola(three: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Where the top lies, -0.5 to 0.5 cells from the middle of (..., 3) values."""
     log = np.log(np.maximum(three, 1e-9))
     bend = log[..., 0] - 2.0 * log[..., 1] + log[..., 2]
     top = 0.5 * (log[..., 0] - log[..., 2]) / np.where(bend < -1e-6, bend, -np.inf)
-    inside = (place > 0) & (place < size - 1)
-    return np.where(inside, np.clip(top, -0.5, 0.5), 0.0)
+    return np.clip(top, -0.5, 0.5)
 
 
 def decode_hats(
     hats: NDArray[np.float32], *, threshold: float = 0.05, overlap: float = 0.5
 ) -> tuple[tuple[Floats, Floats], ...]:
     """Per crop boxes (K, 4) xyxy in crop pixels and scores (K,) of the hard hats, by falling score; of (N, 5, H, W)."""
-    found = []
-    for crop in hats:
-        row, column = np.nonzero(crop[0] >= threshold)
-        score = crop[0, row, column].astype(np.float64)
-        order = np.argsort(-score, kind="stable")[:_CANDIDATES]
-        boxes = crop[1:, row[order], column[order]].T.astype(np.float64)
-        kept = suppressed(boxes, overlap)
-        found.append((boxes[kept], score[order][kept]))
-    return tuple(found)
+    crops = hats.reshape(len(hats), 5, -1)
+    who, cell = np.nonzero(crops[:, 0] >= threshold)
+    order = np.argsort(-crops[who, 0, cell], kind="stable")[:_CANDIDATES]
+    who, found = who[order], crops[who[order], :, cell[order]].astype(np.float64)
+    kept = suppressed(_apart(found[:, 1:], who), overlap)
+    who, found = who[kept], found[kept]
+    return tuple((found[who == crop, 1:], found[who == crop, 0]) for crop in range(len(hats)))

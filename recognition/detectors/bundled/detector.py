@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.detectors.bundled.decode import suppressed
+from recognition.detectors.bundled.images import halves
 from recognition.detectors.bundled.manifests import HARD_HAT, PERSON
 from recognition.detectors.bundled.site import SiteFindings, SiteNetwork
 from recognition.detectors.bundled.worker import WorkerFindings, WorkerNetwork
@@ -71,8 +72,9 @@ class BundledDetector:
         )
 
     def _find(self, image_bgr: NDArray[np.uint8]) -> tuple[SiteFindings, WorkerFindings]:
-        whole = self._site.find(image_bgr)
-        return whole, self._worker.find(image_bgr, whole.people.xyxy)
+        levels = halves(image_bgr)
+        whole = self._site.find(levels)
+        return whole, self._worker.find(levels, whole.people.xyxy)
 
     def _refined(self, whole: SiteFindings, crops: WorkerFindings) -> People:
         coarse = whole.people.joints

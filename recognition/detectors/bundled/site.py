@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recognition.detectors.bundled.decode import SiteDetections, decode_site
-from recognition.detectors.bundled.images import site_input
+from recognition.detectors.bundled.images import Image, site_input
 from recognition.detectors.bundled.manifests import SiteManifest
 from recognition.detectors.fit import Fit
 from recognition.detectors.network import Network
@@ -38,13 +37,17 @@ class SiteNetwork:
         counts = np.array([manifest.keypoints.get(name, 0) for name in manifest.classes])
         self._has_keypoint = np.arange(4) < counts[:, None]
 
-    def find(self, image_bgr: NDArray[np.uint8]) -> SiteFindings:
-        """People and objects in one image (H, W, 3), of at least their class's score, boxes cut to the image."""
-        fit = site_input(image_bgr)
+    def find(self, levels: tuple[Image, ...]) -> SiteFindings:
+        """People and objects in one image, of at least their class's score, boxes cut to the image.
+
+        Args:
+            levels: the image (H, W, 3) and what :func:`~recognition.detectors.bundled.images.halves` makes of it.
+        """
+        fit = site_input(*levels)
         scores, places = self._network.run(fit.tensor)
         found = decode_site(scores[0], places[0], threshold=self._thresholds)
-        high = np.array(image_bgr.shape[1::-1]) - 0.5
-        xyxy = np.clip(fit.image_xyxy(found.boxes), -0.5, np.tile(high, 2))
+        high = np.array(levels[0].shape[1::-1]) - 0.5
+        xyxy = np.clip(fit.image_xyxy(found.boxes), -0.5, [*high, *high])
         real = (xyxy[:, 2:] > xyxy[:, :2]).all(axis=1)
         people, things = np.flatnonzero(real & (found.classes == 0)), np.flatnonzero(real & (found.classes > 0))
         joints = found.joints[people]

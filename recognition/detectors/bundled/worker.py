@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recognition.detectors.bundled.decode import decode_hats, decode_joints
 from recognition.detectors.bundled.geometry import crop_placing, crop_xyxy
-from recognition.detectors.bundled.images import worker_input
+from recognition.detectors.bundled.images import Image, worker_input
 from recognition.detectors.bundled.manifests import WorkerManifest
 from recognition.detectors.network import Network
 from recognition.detectors.protocol import ModelInfo
@@ -37,13 +36,20 @@ class WorkerNetwork:
         self._network = network
         self._joints = np.array([JOINTS.index(name) for name in manifest.joints])
 
-    def find(self, image_bgr: NDArray[np.uint8], boxes_xyxy: Floats) -> WorkerFindings:
-        """Joints of the workers in the boxes (P, 4), in pixels of the image (H, W, 3), and hats; one run for all."""
+    def find(self, levels: tuple[Image, ...], boxes_xyxy: Floats) -> WorkerFindings:
+        """Joints and hats of the workers in the boxes (P, 4), in pixels of the image; one run for all.
+
+        Args:
+            levels: the image (H, W, 3) and what :func:`~recognition.detectors.bundled.images.halves` makes of it.
+            boxes_xyxy: one around each worker.
+        """
+        image_bgr, *smaller = levels
         joints = np.zeros((len(boxes_xyxy), len(JOINTS), 3))
         if not len(boxes_xyxy):
             return WorkerFindings(joints, np.zeros((0, 4)), np.zeros(0))
         placings = [crop_placing(crop) for crop in crop_xyxy(boxes_xyxy + 0.5)]
-        heat, states, hats = self._network.run(np.stack([worker_input(image_bgr, placing) for placing in placings]))
+        crops = np.stack([worker_input(image_bgr, placing, *smaller) for placing in placings])
+        heat, states, hats = self._network.run(crops)
         known, boxes, scores = decode_joints(heat, states)[..., :3], [], []
         found_hats = decode_hats(hats, threshold=self.manifest.hat_score)
         for placing, points, (crop_xyxys, score) in zip(placings, known, found_hats, strict=True):
