@@ -39,7 +39,7 @@ def nal_types(data: bytes) -> list[int]:
 
 def is_key_frame(data: bytes) -> bool:
     """Whether decoding can begin here: an IDR picture with its sequence and picture parameter sets."""
-    return {kind for kind, _ in nal_units(data)} >= _KEY_FRAME
+    return set(nal_types(data)) >= _KEY_FRAME
 
 
 def has_b_slice(data: bytes) -> bool:

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -47,6 +48,19 @@ PARTS = (
     ("lower legs", (14,), (16,)), ("torso", (5, 6), (11, 12)), ("head", (5, 6), (3, 4)),
 )  # fmt: skip
 """Name of each part, and the joints whose middles are its two ends."""
+
+
+PROTOCOL: Mapping[str, str] = MappingProxyType(
+    {
+        "PCP3D": f"parts with (|s - s'| + |e - e'|) / 2 <= {ALPHA:g} |s - e|, over the ten parts of COCO-17 that the "
+        "truth knows; each worker, instant by instant, with the track that has most of them right; mean over workers "
+        "(Belagiannis et al. 2014)",
+        "recall, precision, MPJPE, switches, MOTA": f"workers and tracks matched over time, up to {AGREE_M:g} m of "
+        "mean distance (CLEAR MOT, Bernardin and Stiefelhagen 2008); MPJPE over the joints of all pairs, not aligned",
+        "IDF1": "workers and tracks paired one to one for the whole time (Ristani et al. 2016)",
+    }
+)
+"""What each figure is, in a sentence for those who read it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,6 +239,14 @@ def correspondences(truth: Truth, poses: Poses) -> Correspondences:
         switched[meeting.truth[rows]] = (had[rows] >= 0) & (had[rows] != now)
         last.update(zip(truth.person[meeting.truth[rows]].tolist(), now.tolist(), strict=True))
     return Correspondences(pose, switched)
+
+
+def nearest_m(truth: Truth, poses: Poses) -> Floats:
+    """(G,) mean distance of the joints that each worker shares with the track that is nearest; infinite without one."""
+    result = np.full(len(truth.frame), np.inf)
+    for meeting in _meetings(truth, poses):
+        result[meeting.truth] = meeting.distance_m.min(axis=1, initial=np.inf)
+    return result
 
 
 def idf1(truth: Truth, poses: Poses) -> float:

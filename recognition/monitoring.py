@@ -18,7 +18,7 @@ from statistics import median
 
 import numpy as np
 
-from recognition.observations import FrameSet, Status
+from recognition.observations import FrameSet, Scene, Status
 from rigcal.pace import judge_pace
 from rigcal.rig import ClockModel, Rig
 
@@ -63,6 +63,33 @@ def judged(
     why = "; ".join(f"{camera_ids[view]}: {(faults or {}).get(view, 'no frame')}" for view in absent)
     reason = f"{cameras} of {len(wanted)} cameras" + (f" ({why})" if why else "")
     return Verdict("DEGRADED" if cameras >= LEAST_CAMERAS else "NOT MONITORED", reason, cameras)
+
+
+class Coverage:
+    """How well a site was monitored over the time of a run: for how long, and when that began and ended."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[Status, float] = {}
+        """For how long each status lasted, in rig time: a scene's lasts up to the next scene."""
+        self._last: Scene | None = None
+        self._since_ns: int | None = None
+        """Since when nothing is monitored; None while something is."""
+
+    def see(self, scene: Scene) -> str | None:
+        """Count the next scene; says in words where monitoring ends or begins with it, and None elsewhere."""
+        last, self._last = self._last, scene
+        if last is not None:
+            lasted_s = (scene.t_ns - last.t_ns) * 1e-9
+            self.seconds[last.status] = self.seconds.get(last.status, 0.0) + lasted_s
+        is_monitored, since_ns = scene.status != "NOT MONITORED", self._since_ns
+        if is_monitored is (since_ns is None):
+            return None
+        if since_ns is None:
+            self._since_ns = scene.t_ns
+            return f"NOT MONITORED: {scene.reason}"
+        self._since_ns = None
+        how = "" if scene.status == "MONITORED" else f": {scene.status}, {scene.reason}"
+        return f"monitored from here on, after {(scene.t_ns - since_ns) * 1e-9:.1f} s{how}"
 
 
 def clock_faults(

@@ -12,6 +12,7 @@ and right-hand side are linear in ``(1, x, y, x^2 + y^2)``, with coefficients of
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import sqrt
 
 import cv2
@@ -23,6 +24,10 @@ from rigcal.rig import ClockModel, Rig
 
 NEAREST_M = 0.1
 """Depths below this are taken as this; nothing is observed there."""
+POINTS_AT_ONCE = 16_000
+"""As many are compared in one go, so that an array of them stays below 128 KiB, above which the C library may ask the
+system for fresh memory every time: 20 workers before 16 cameras then claim their detections in 1.4 ms, else in 1.4 to
+7 (CPU time)."""
 MIN_PARALLAX_RAD = 0.05
 """Two rays that meet at a smaller angle (2.9 degrees) place nothing: along them an error is 20 times as large."""
 ITERATIONS = (5, 10, 20, 40, 100)
@@ -143,6 +148,15 @@ class Optics:
         turned = self.rotation[view]
         rays = xy @ turned[:, :2] + turned[:, None, 2]
         return np.asarray(rays / np.sqrt((rays * rays).sum(axis=-1, keepdims=True)))
+
+
+@lru_cache(maxsize=32)
+def pairs(count: int) -> tuple[Ints, Ints]:
+    """The first and the second of every two of so many, ascending; read-only, since they are kept."""
+    first, second = np.triu_indices(count, 1)
+    first.setflags(write=False)
+    second.setflags(write=False)
+    return first, second
 
 
 def midpoints(first_m: Floats, first_ray: Floats, second_m: Floats, second_ray: Floats) -> tuple[Floats, Floats]:

@@ -7,11 +7,11 @@ them. Other options answer what another method would have made of the same detec
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from recognition.errors import RecordingError
-from recognition.monitoring import Verdict, judged
+from recognition.monitoring import LEAST_CAMERAS, Verdict, judged
 from recognition.observations import Instant, Scene
 from recognition.options import options_of
 from recognition.placing import Placer, PlacingOptions, place_smoothed
@@ -28,23 +28,17 @@ class ReplayResult:
     """What a replay found."""
 
     scenes: tuple[Scene, ...]
-    """What was known in 3D, at each instant that two cameras or more took part in."""
+    """What was known in 3D, at each instant that two cameras or more took part in, where scenes are kept."""
     instants: int
     """How many instants there were, those of a single camera included."""
     incomplete: int
     """Instants that lost the detections of a camera and were left out; 0 unless the recording was recovered."""
-
-    @property
-    def worker_instants(self) -> dict[int, int]:
-        """At how many instants each worker was seen, by track."""
-        return dict(sorted(Counter(w.track_id for scene in self.scenes for w in scene.workers).items()))
-
-    @property
-    def object_instants(self) -> dict[str, int]:
-        """At how many instants each object was seen, by ``class/track``."""
-        return dict(
-            sorted(Counter(f"{o.object_class}/{o.track_id}" for scene in self.scenes for o in scene.objects).items())
-        )
+    placed: int
+    """How many instants are scenes."""
+    worker_instants: Mapping[int, int]
+    """At how many instants each worker was seen, by track."""
+    object_instants: Mapping[str, int]
+    """At how many instants each object was seen, by ``class/track``."""
 
 
 def recorded_options(recording: RecordedRun) -> PlacingOptions | None:
@@ -57,11 +51,19 @@ def recorded_options(recording: RecordedRun) -> PlacingOptions | None:
     return None if text is None else options_of(PlacingOptions, text)
 
 
+def recorded_cameras(recording: RecordedRun) -> tuple[bool, ...]:
+    """(V,) which cameras the run used; all where the recording does not say."""
+    ids, views = recording.rig.camera_ids, recording.metadata.get(VIEWS_KEY)
+    names = ids if views is None else views.split(",")
+    return tuple(camera_id in names for camera_id in ids)
+
+
 def replay(
     recording: RecordedRun,
     options: PlacingOptions,
     *,
     smooth: bool = False,
+    keep_scenes: bool = True,
     progress: Callable[[int], None] | None = None,
 ) -> ReplayResult:
     """Place every instant of a recording.
@@ -70,6 +72,7 @@ def replay(
         recording: As :func:`recognition.sources.recording.open_recording` opens it.
         options: Those of the run (:func:`recorded_options`) for the same tracks, or others.
         smooth: Whether every track is smoothed by what came after (:mod:`recognition.smoothing`).
+        keep_scenes: Whether the result holds every scene, which a recording of days has no room for.
         progress: Called with the number of instants done.
 
     Raises:
@@ -77,24 +80,30 @@ def replay(
         OptionError: where tracks of the method ``paper`` are to be smoothed.
     """
     instants, rig = recording.instants(), recording.rig
-    use = _used(rig, recording.metadata.get(VIEWS_KEY))
+    use = recorded_cameras(recording)
     verdicts: dict[int, Verdict] = {}
     done = 0
 
     def judged_instants() -> Iterator[Instant]:
         nonlocal done
         for instant in instants:
-            verdicts[instant.frame_set.index] = judged(rig.camera_ids, use, instant.frame_set)
+            if instant.frame_set.cameras >= LEAST_CAMERAS:
+                verdicts[instant.frame_set.index] = judged(rig.camera_ids, use, instant.frame_set)
             yield instant
             done += 1
             if progress:
                 progress(done)
 
     place = place_smoothed if smooth else _placed
-    scenes = []
+    scenes, placed = [], 0
+    workers, objects = Counter[int](), Counter[str]()
     for scene in place(rig, judged_instants(), options):
-        verdict = verdicts[scene.index]
-        scenes.append(replace(scene, status=verdict.status, reason=verdict.reason, cameras=verdict.cameras))
+        verdict = verdicts.pop(scene.index)
+        placed += 1
+        workers.update(worker.track_id for worker in scene.workers)
+        objects.update(f"{thing.object_class}/{thing.track_id}" for thing in scene.objects)
+        if keep_scenes:
+            scenes.append(replace(scene, status=verdict.status, reason=verdict.reason, cameras=verdict.cameras))
     if not done:
         raise RecordingError(
             "the recording holds no detections to replay",
@@ -103,7 +112,9 @@ def replay(
             got=f"no whole instant in {len(recording.files)} files",
             do_next="run the networks again: recognition run RIG --source CAPTURE",
         )
-    return ReplayResult(tuple(scenes), done, instants.incomplete)
+    return ReplayResult(
+        tuple(scenes), done, instants.incomplete, placed, dict(sorted(workers.items())), dict(sorted(objects.items()))
+    )
 
 
 def _placed(rig: Rig, instants: Iterable[Instant], options: PlacingOptions) -> Iterator[Scene]:
@@ -112,9 +123,3 @@ def _placed(rig: Rig, instants: Iterable[Instant], options: PlacingOptions) -> I
     for instant in instants:
         if (scene := placer.place(instant)) is not None:
             yield scene
-
-
-def _used(rig: Rig, views: str | None) -> tuple[bool, ...]:
-    """(V,) which cameras the run used; all where the recording does not say."""
-    names = rig.camera_ids if views is None else views.split(",")
-    return tuple(camera_id in names for camera_id in rig.camera_ids)

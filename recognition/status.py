@@ -72,6 +72,8 @@ class LiveStatus:
     latency_p95_s: float | None
     waiting_bytes: int
     """What waits to be written to the recording."""
+    unrecorded_why: str | None = None
+    """Why nothing is recorded any more; None while it is."""
 
     @property
     def document(self) -> dict[str, Any]:
@@ -95,6 +97,8 @@ def line(run: LiveStatus, seen: Seen | None) -> str:
     if seen is not None:
         why = f" ({seen.reason})" if seen.reason else ""
         parts += [f"{seen.status}{why}", f"workers {seen.workers}, objects {seen.objects}"]
+    if run.unrecorded_why:
+        parts.append(f"NOT RECORDED ({run.unrecorded_why})")
     parts.append(f"{run.sets_per_s:.1f} sets/s{_latency(run)}, {run.skipped} of {run.sets} skipped")
     parts += [f"{one.camera_id} {one.fps:.1f} fps{_lag(one)}{_drops(one)}" for one in run.cameras]
     return "; ".join(parts)
@@ -116,7 +120,10 @@ def table(run: LiveStatus, seen: Seen | None) -> Group:
         made.add_row(one.camera_id, f"{one.fps:.1f}", lag, str(one.recorded), drops, state)
     whole = f"{run.sets_per_s:.1f} frame sets/s{_latency(run)}; {run.skipped} of {run.sets} skipped"
     waiting = f"; {run.waiting_bytes / 1e6:.0f} MB wait for the disk" if run.waiting_bytes > _NOTABLE_BYTES else ""
-    return Group(_headline(run, seen), made, Text(whole + waiting))
+    foot = Text(whole + waiting)
+    if run.unrecorded_why:
+        foot.append("\n").append(" NOT RECORDED ", STYLES["NOT MONITORED"]).append(f"  {run.unrecorded_why}")
+    return Group(_headline(run, seen), made, foot)
 
 
 def summary(run: LiveStatus) -> Iterator[str]:
@@ -126,9 +133,15 @@ def summary(run: LiveStatus) -> Iterator[str]:
         "skipped because inference was late"
     )
     for one in run.cameras:
-        kinds = ("unrecorded", "undecoded", "corrupt", "late", "interruptions")
+        kinds = ("unrecorded", "undecoded", "corrupt", "late")
         said = [f"{getattr(one, kind)} {kind}" for kind in kinds if getattr(one, kind)]
+        said += [f"interrupted {_times(one.interruptions)}"] if one.interruptions else []
         yield f"  {one.camera_id}: {one.recorded} of {one.received} frames recorded{''.join(f', {s}' for s in said)}"
+
+
+def _times(count: int) -> str:
+    """``once``, ``twice``, ``3 times``."""
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
 def _headline(run: LiveStatus, seen: Seen | None) -> Text:
@@ -137,7 +150,8 @@ def _headline(run: LiveStatus, seen: Seen | None) -> Text:
     if seen is None:
         return Text(f"{run.elapsed_s:.0f} s, no result yet")
     counts = f"  {run.elapsed_s:.0f} s, workers {seen.workers}, objects {seen.objects}"
-    return Text.assemble((f" {seen.status} ", STYLES[seen.status]), counts, f"\n{seen.reason}" if seen.reason else "")
+    why = f"\n{seen.reason}" if seen.reason else ""
+    return Text.assemble((f" {seen.status} ", STYLES[seen.status]), counts, why, no_wrap=True, overflow="ellipsis")
 
 
 def _latency(run: LiveStatus) -> str:

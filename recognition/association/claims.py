@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from recognition.observed import Detected
-from recognition.optics import NEAREST_M, Optics
+from recognition.optics import NEAREST_M, POINTS_AT_ONCE, Optics
 from rigcal.geometry import Bools, Floats, Ints
 
 DEGREES = 4.0
@@ -53,7 +53,17 @@ def claim(
     members = np.full((len(place_m), optics.views), -1)
     if not (len(place_m) and detected.count):
         return members
-    benefit = _benefits(optics, detected, place_m, variance, known, label, across, min_shared, max_sigmas)
+    in_cam = optics.in_cameras(place_m.reshape(-1, 3)).reshape(3, -1, *known.shape)
+    at_once = max(1, POINTS_AT_ONCE // known.size)
+    benefit = np.concatenate(
+        [
+            _benefits(
+                in_cam, detected, slice(first, min(first + at_once, detected.count)), variance, known, label, across,
+                min_shared, max_sigmas,
+            )
+            for first in range(0, detected.count, at_once)
+        ]
+    )  # fmt: skip
     pairs = [
         (linear_sum_assignment(benefit[first:end], maximize=True), first)
         for first, end in zip(detected.ends, detected.ends[1:], strict=False)
@@ -68,9 +78,9 @@ def claim(
 
 
 def _benefits(
-    optics: Optics,
+    in_cam: Floats,
     detected: Detected,
-    place_m: Floats,
+    rows: slice,
     variance: Floats,
     known: Bools,
     label: Ints,
@@ -78,16 +88,19 @@ def _benefits(
     min_shared: int,
     max_sigmas: float,
 ) -> Floats:
-    """(N, T) how much likelier the pair is than none; 0 where it is refused."""
-    tracks, points = known.shape
-    in_cam = optics.in_cameras(place_m.reshape(-1, 3)).reshape(3, -1, tracks, points)[:, detected.view]
+    """(R, T) how much likelier the pair is than none; 0 where it is refused.
+
+    ``in_cam`` (3, V, T, J) has the tracks' points in all cameras; ``rows`` are those of R detections.
+    """
+    view = detected.view[rows]
+    in_cam = in_cam.take(view, axis=1)
     depth = np.maximum(in_cam[2], NEAREST_M)
-    dx = in_cam[0] - detected.factors[1, :-1, None] * depth  # metres at the depth of the track
-    dy = in_cam[1] - detected.factors[2, :-1, None] * depth
-    own = detected.angle_var[:-1, None] * (depth * depth) + detected.spread_var[:-1, None]
-    whole = own + (variance if across is None else variance * across[detected.view, :, None])
-    both = (detected.seen[:-1, None] & known & (in_cam[2] > NEAREST_M)).astype(np.float64)
-    each = np.ones(points)
+    dx = in_cam[0] - detected.factors[1, rows, None] * depth  # metres at the depth of the track
+    dy = in_cam[1] - detected.factors[2, rows, None] * depth
+    own = detected.angle_var[rows, None] * (depth * depth) + detected.spread_var[rows, None]
+    whole = own + (variance if across is None else variance * across[view, :, None])
+    both = (detected.seen[rows, None] & known & (in_cam[2] > NEAREST_M)).astype(np.float64)
+    each = np.ones(known.shape[1])
     count = both @ each
     share = 1.0 / np.maximum(count, 1.0)
     costs = np.log1p((dx * dx + dy * dy) / (DEGREES * whole))
@@ -95,7 +108,7 @@ def _benefits(
     doubt = np.log(((whole * both) @ each + 1e-12) / ((own * both) @ each + 1e-12))
     limit = log1p(max_sigmas**2 / DEGREES)
     gain = log(WORST_RATIO) + (limit - mean) * (DEGREES / 2 + 1) - doubt
-    able = (count >= min_shared) & (mean < limit) & (detected.label[:, None] == label)
+    able = (count >= min_shared) & (mean < limit) & (detected.label[rows, None] == label)
     if across is not None:
-        able &= across[detected.view] > 0
+        able &= across[view] > 0
     return np.where(able, np.maximum(gain, 1e-6), 0.0)

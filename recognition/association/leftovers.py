@@ -11,12 +11,13 @@ with one place in 3D.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import log1p
 
 import numpy as np
 
 from recognition.observed import Detected
-from recognition.optics import MIN_PARALLAX_RAD, NEAREST_M, Optics, midpoints
+from recognition.optics import MIN_PARALLAX_RAD, NEAREST_M, POINTS_AT_ONCE, Optics, midpoints, pairs
 from rigcal.geometry import Bools, Floats, Ints
 
 DEGREES = 4.0
@@ -25,7 +26,7 @@ MOST_PAIRS_EACH = 6
 """Hypotheses kept per detection, those of least cost: more only where a crowd appears at once."""
 SEED_VIEWS, MOST_AT_ONCE = 5, 80
 """Of more detections than this, pairs are first taken from the views that have most of them, and then from what is left
-in all. Sixteen people who appear at once before twenty cameras are placed in 0.4 s, instead of 2.4."""
+in all. Sixteen people who appear at once before twenty cameras are placed in 0.09 s, instead of 0.45 (CPU time)."""
 _ENDS = np.array([(5, 7), (6, 8), (7, 9), (8, 10), (11, 13), (12, 14), (13, 15), (14, 16), (5, 6), (5, 11), (6, 12)]).T
 _LENGTH_M = np.array([0.30, 0.30, 0.25, 0.25, 0.42, 0.42, 0.41, 0.41, 0.36, 0.50, 0.50])
 """Segments of an adult of 1.70 m (Drillis and Contini)."""
@@ -105,7 +106,7 @@ def _grouped(optics: Optics, detected: Detected, free: Ints, seeds: Ints, rules:
 
 
 def _pairs(detected: Detected, free: Ints) -> tuple[Ints, Ints]:
-    first, second = np.triu_indices(len(free), 1)
+    first, second = pairs(len(free))
     first, second = free[first], free[second]
     able = (detected.view[first] != detected.view[second]) & (detected.label[first] == detected.label[second])
     return first[able], second[able]
@@ -150,16 +151,34 @@ def _transferred(
 ) -> Floats:
     """(H, L) cost of each free detection as another sight of what a pair places; infinite where it shares too few."""
     hypotheses, points = placed.shape
-    in_cam = optics.in_cameras(place.reshape(-1, 3)).reshape(3, -1, hypotheses, points)[:, detected.view[free]]
+    in_cam = optics.in_cameras(place.reshape(-1, 3)).reshape(3, -1, hypotheses, points)
+    ends = np.searchsorted(detected.view[free], np.arange(optics.views + 1)).tolist()
+    at_once = max(1, POINTS_AT_ONCE // placed.size)
+    costs = [
+        _off(in_cam[:, view], detected, free[start : min(start + at_once, end)], placed, min_shared)
+        for view, (first, end) in enumerate(pairwise(ends))
+        for start in range(first, end, at_once)
+    ]
+    return np.concatenate(costs).T
+
+
+def _off(in_cam: Floats, detected: Detected, rows: Ints, placed: Bools, min_shared: int) -> Floats:
+    """(R, H) cost of detections of one camera as sights of points (3, H, J) in its frame."""
     depth = np.maximum(in_cam[2], NEAREST_M)
-    x, y = detected.factors[1:3, free][:, :, None]
-    dx, dy = in_cam[0] / depth - x, in_cam[1] / depth - y
-    variance = 3 * (detected.angle_var[free][:, None] + detected.spread_var[free][:, None] / (depth * depth))
-    both = detected.seen[free][:, None] & placed & (in_cam[2] > NEAREST_M)
+    square = in_cam[0] / depth - detected.factors[1, rows, None]
+    square *= square
+    dy = in_cam[1] / depth - detected.factors[2, rows, None]
+    dy *= dy
+    square += dy
+    variance = detected.spread_var[rows, None] / (depth * depth)
+    variance += detected.angle_var[rows, None]
+    variance *= 3 * DEGREES
+    both = detected.seen[rows, None] & (placed & (in_cam[2] > NEAREST_M))
+    costs = np.log1p(np.divide(square, variance, out=square), out=square)
+    costs *= DEGREES / 2 + 1
+    costs *= both
     count = both.sum(axis=-1)
-    costs = np.log1p((dx * dx + dy * dy) / (DEGREES * variance)) * (DEGREES / 2 + 1)
-    mean = (costs * both).sum(axis=-1) / np.maximum(count, 1)
-    return np.asarray(np.where(count >= min_shared, mean, np.inf).T)
+    return np.where(count >= min_shared, costs.sum(axis=-1) / np.maximum(count, 1), np.inf)
 
 
 def _picked(
@@ -167,17 +186,22 @@ def _picked(
 ) -> Leftovers:
     """Hypotheses by what they explain, each without the detections of those before it."""
     view = detected.view[free]
-    views = [np.flatnonzero(view == v) for v in range(optics.views)]
+    there, begin = np.unique(view, return_index=True)
+    spans = [slice(*ends) for ends in pairwise([*begin.tolist(), len(view)])]
+    best = np.zeros((len(gain), optics.views))
     rows, kept = [], []
     pair = np.arange(len(gain))
     while True:
-        best = np.stack([gain[:, w].max(axis=1) if len(w) else np.zeros(len(gain)) for w in views], axis=1)
+        best[:, there] = np.maximum.reduceat(gain, begin, axis=1)
         alive = (gain[pair, own[0]] > 0) & (gain[pair, own[1]] > 0)
         total = best.sum(axis=1) * alive
         top = int(total.argmax())
         if total[top] <= 0:
             break
-        row = [int(w[gain[top, w].argmax()]) if best[top, v] > 0 else -1 for v, w in enumerate(views)]
+        row = [-1] * optics.views
+        for v, span in zip(there.tolist(), spans, strict=True):
+            if best[top, v] > 0:
+                row[v] = span.start + int(gain[top, span].argmax())
         for slot in own[:, top]:
             row[view[slot]] = int(slot)
         rows.append([int(free[s]) if s >= 0 else -1 for s in row])

@@ -7,7 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from recognition.errors import RigRefusedError
+from recognition.errors import RecordingError, RigRefusedError
 from rigcal.errors import writing
 
 if TYPE_CHECKING:
@@ -50,6 +50,30 @@ def require_runnable(path: Path, rig: Rig) -> None:
             expected="verdict PASS or IMPORTED",
             got=f"verdict {rig.verdict}",
             do_next=f"see what to capture again: rigcal validate {path}",
+        )
+
+
+def require_output(path: Path, *, is_live: bool) -> None:
+    """Refuse at the start of a run what would be found out at its end.
+
+    Raises:
+        RecordingError: where the recording to be is a folder, or one of live cameras that is there already.
+    """
+    if path.is_dir():
+        raise RecordingError(
+            "a folder has the name that the recording is to have",
+            where=path,
+            expected="the name of a file",
+            got="a folder",
+            do_next=f"give -o {path / 'NAME.mcap'}",
+        )
+    if is_live and path.exists():
+        raise RecordingError(
+            "a recording of this name is there already",
+            where=path,
+            expected="no such file, as what live cameras showed cannot be recorded again",
+            got=f"{path.stat().st_size / 1e6:.1f} MB",
+            do_next="give another name with -o, or move it away: nothing is overwritten",
         )
 
 

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import typer
 
 from recognition.cli._app import print_json
-from recognition.cli._show import live_status, progress
+from recognition.cli._show import LastScene, live_status, progress
 from recognition.cli._signals import Stop
 from recognition.detectors import Detector, ModelInfo
 from recognition.feeds import FeedOptions, open_feed
 from recognition.grouping import GroupingOptions
-from recognition.live import LiveFeed, LiveInput, LiveOptions
+from recognition.live import Entry, LiveFeed, LiveInput, LiveOptions
+from recognition.live.journal import Level
+from recognition.monitoring import Coverage
+from recognition.observations import Scene, Status
 from recognition.options import options_text
 from recognition.recording import DiskBudget, Recorded, Recorder
 from recognition.replay import PLACING_KEY, VIEWS_KEY
@@ -59,8 +62,20 @@ class Outcome:
     sync: SyncReport | None
     warnings: tuple[str, ...]
     notices: tuple[str, ...]
-    live: LiveStatus | None = field(default=None)
+    unmonitored: str | None
+    """Why nothing was ever monitored; None where something was."""
+    live: LiveStatus | None = None
     """How it stood at its end, where it was paced."""
+    seconds: Mapping[Status, float] | None = None
+    """For how long it had each status, where it was paced."""
+
+    @property
+    def exit_code(self) -> int:
+        """1: nothing was ever monitored; 3: not all of it is in the recording; else 0."""
+        if self.unmonitored is not None:
+            return 1
+        lost = sum(one.unrecorded for one in self.live.cameras) if self.live else 0
+        return 3 if self.recorded.stopped or lost else 0
 
 
 def run_files(job: Job, source: Path | None, detections: Path | None, stop: Stop) -> Outcome:
@@ -73,7 +88,8 @@ def run_files(job: Job, source: Path | None, detections: Path | None, stop: Stop
         for warning in (*warnings, *notices):
             recorder.log("warning", warning, feed.start_ns)
         result = run(job.rig, feed.instants, recorder, job.options, progress=bar, stop=stop)
-    return Outcome(result, recorder.close(), feed.facts, feed.sync, warnings, notices)
+    unmonitored = _unmonitored(result, "two cameras took part in no instant")
+    return Outcome(result, recorder.close(), feed.facts, feed.sync, warnings, notices, unmonitored)
 
 
 def run_streams(job: Job, source: LiveInput, stop: Stop) -> Outcome:
@@ -91,13 +107,44 @@ def run_streams(job: Job, source: LiveInput, stop: Stop) -> Outcome:
     )
     with recorder:
         warnings = (*source.warnings, *recorder.notices)
-        at_ns = source.now_ns()
-        for warning in (*warnings, *notices):
-            recorder.log("warning", warning, at_ns, receive_ns=at_ns if source.is_live else None)
         feed = LiveFeed(job.rig, source.streams, job.detector, recorder, source.now_ns, live_options)
-        with live_status(feed) as last, feed:
-            result = run_live(job.rig, feed, recorder, job.options, on_scene=last, stop=stop)
-    return Outcome(result, recorder.close(), source.facts, source.sync, warnings, notices, feed.status)
+        with live_status(feed) as last:
+            told = _Told(feed, recorder, source, last)
+            for warning in (*warnings, *notices):
+                told.say("warning", warning)
+            with feed:
+                result = run_live(job.rig, feed, recorder, job.options, on_scene=told.scene, stop=stop)
+                if stop.by:
+                    told.say("info", f"stopped by {stop.by}: the recording is being finished")
+    why = _unmonitored(result, last.seen.reason if last.seen else "it ended before the first instant")
+    seconds = told.coverage.seconds
+    return Outcome(result, recorder.close(), source.facts, source.sync, warnings, notices, why, feed.status, seconds)
+
+
+class _Told:
+    """What is said of a live run while it goes on: to whoever looks, and into the recording."""
+
+    def __init__(self, feed: LiveFeed, recorder: Recorder, source: LiveInput, last: LastScene) -> None:
+        self._feed, self._recorder, self._source, self._last = feed, recorder, source, last
+        self.coverage = Coverage()
+
+    def scene(self, scene: Scene) -> None:
+        """Show the scene, and say where monitoring ends or begins with it."""
+        self._last(scene)
+        change = self.coverage.see(scene)
+        if change:
+            self.say("error" if scene.status == "NOT MONITORED" else "warning", change)
+
+    def say(self, level: Level, text: str) -> None:
+        """Say it at once."""
+        at_ns = self._source.now_ns()
+        self._recorder.log(level, text, at_ns, receive_ns=at_ns if self._source.is_live else None)
+        self._feed.announce(Entry(at_ns, level, text))
+
+
+def _unmonitored(result: RunResult, why: str) -> str | None:
+    """``why`` where nothing was monitored at any instant."""
+    return None if any(status != "NOT MONITORED" for status in result.statuses) else why
 
 
 def _recorder(job: Job, facts: dict[str, str], sync: SyncReport | None, *, expected_bytes: int | None) -> Recorder:
@@ -154,6 +201,8 @@ def tell_json(rig: Rig, told: Outcome, poses: Path | None) -> None:
             "workers": {str(track): count for track, count in result.worker_instants.items()},
             "objects": dict(result.object_instants),
             "monitoring": dict(result.statuses),
+            "monitoring_s": told.seconds,
+            "unmonitored": told.unmonitored,
             "live": told.live.document if told.live else None,
             "messages": dict(recorded.messages),
             "recording_stopped": recorded.stopped,
@@ -175,10 +224,13 @@ def tell(rig: Rig, told: Outcome, stop: Stop, poses: Path | None) -> None:
 def _lines(rig: Rig, told: Outcome, stop: Stop) -> Iterable[str]:
     result = told.result
     if result.stopped:
-        yield f"stopped by {stop.by}: everything up to here is in the recording"
-    facts = ", ".join(f"{key} {value}" for key, value in told.facts.items())
-    yield f"{result.instants} instants, {result.placed} of them in 3D ({facts}), rig {rig.verdict}"
-    yield from _monitoring(result)
+        yield f"stopped by {stop.by}" + ("" if told.recorded.stopped else ": everything up to here is in the recording")
+    if told.unmonitored:
+        yield f"NOTHING WAS MONITORED: {told.unmonitored}"
+    blind = result.statuses.get("NOT MONITORED", 0) if told.live else 0
+    facts = ", ".join(f"{key} {value}" for key, value in told.facts.items() if not key.startswith("source."))
+    yield f"{result.instants} instants, {result.placed - blind} of them in 3D ({facts}), rig {rig.verdict}"
+    yield from _monitoring(told)
     yield from summary(told.live) if told.live else ()
     yield from told.sync.lines() if told.sync else ()
     if told.recorded.stopped:
@@ -192,7 +244,10 @@ def _lines(rig: Rig, told: Outcome, stop: Stop) -> Iterable[str]:
     yield from (f"  {name}: seen in 3D at {n} instants" for name, n in result.object_instants.items())
 
 
-def _monitoring(result: RunResult) -> Iterable[str]:
-    for status, count in result.statuses.items():
+def _monitoring(told: Outcome) -> Iterable[str]:
+    if told.seconds:
+        yield ", ".join(f"{status} for {lasted_s:.1f} s" for status, lasted_s in told.seconds.items())
+        return
+    for status, count in told.result.statuses.items():
         if status != "MONITORED":
-            yield f"{status} at {count} of {result.instants} instants"
+            yield f"{status} at {count} of {told.result.instants} instants"

@@ -1,10 +1,14 @@
-"""What the terminal shows while a run goes on; everything on standard error."""
+"""What the terminal shows while a run goes on; everything on standard error.
+
+A terminal that was closed, a reader that went away or a full disk under a log file ends no run: what cannot be shown is
+in the recording.
+"""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import typer
@@ -49,13 +53,23 @@ def _table_shown(feed: LiveFeed, last: LastScene, console: object) -> Iterator[N
 
     from recognition.status import table
 
-    with Live(
+    live = Live(
         console=console,  # type: ignore[arg-type]  # a rich.console.Console
         get_renderable=lambda: table(feed.status, last.seen),
         refresh_per_second=_REFRESHES_PER_S,
-    ) as live:
-        feed.announce = lambda entry: live.console.print(_words(entry), markup=False, highlight=False)
+    )
+
+    def announce(entry: Entry) -> None:
+        with suppress(OSError):
+            live.console.print(_words(entry), markup=False, highlight=False)
+
+    feed.announce = announce
+    live.start()
+    try:
         yield
+    finally:
+        with suppress(OSError):
+            live.stop()
 
 
 @contextmanager
@@ -66,9 +80,9 @@ def _lines_shown(feed: LiveFeed, last: LastScene) -> Iterator[None]:
 
     def tell() -> None:
         while not over.wait(LINE_EVERY_S):
-            typer.echo(line(feed.status, last.seen), err=True)
+            _echo(line(feed.status, last.seen))
 
-    feed.announce = lambda entry: typer.echo(_words(entry), err=True)
+    feed.announce = lambda entry: _echo(_words(entry))
     teller = threading.Thread(target=tell, name="status")
     teller.start()
     try:
@@ -78,13 +92,18 @@ def _lines_shown(feed: LiveFeed, last: LastScene) -> Iterator[None]:
         teller.join()
 
 
+def _echo(text: str) -> None:
+    with suppress(OSError):
+        typer.echo(text, err=True)
+
+
 def _words(entry: Entry) -> str:
     return entry.text if entry.level == "info" else f"{entry.level}: {entry.text}"
 
 
 @contextmanager
-def progress(total: int, *, quiet: bool) -> Iterator[Callable[[int], None] | None]:
-    """A progress bar on standard error, on a terminal."""
+def progress(total: int | None, *, quiet: bool, label: str = "recognising") -> Iterator[Callable[[int], None] | None]:
+    """A progress bar on standard error, on a terminal; ``total`` None: nobody knows how much there is to do."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -92,7 +111,7 @@ def progress(total: int, *, quiet: bool) -> Iterator[Callable[[int], None] | Non
     if quiet or not console.is_terminal:
         yield None
         return
-    columns = (TextColumn("recognising"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=total)
         yield lambda done: bar.update(task, completed=done)

@@ -1,4 +1,4 @@
-"""Ctrl-C, and what ends services: asked for between instants, so that a run ends with a finished recording."""
+"""Ctrl-C, and what ends services and terminals: asked for between instants, so that the recording is finished."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_WORDS = {signal.SIGINT: "the keyboard", signal.SIGTERM: "the system (SIGTERM)"}
+_WORDS = {
+    signal.SIGINT: "the keyboard",
+    signal.SIGTERM: "the system (SIGTERM)",
+    signal.SIGHUP: "the end of its terminal (SIGHUP)",
+}
 
 
 class Stop:
@@ -22,13 +26,15 @@ class Stop:
 
 @contextmanager
 def stop_on_signal() -> Iterator[Stop]:
-    """Ctrl-C and SIGTERM are noted instead of ending the process."""
+    """Ctrl-C, SIGTERM and SIGHUP are noted instead of ending the process; under ``nohup`` SIGHUP stays ignored."""
     stop = Stop()
 
     def note(number: int, _frame: object) -> None:
         stop.by = _WORDS[signal.Signals(number)]
 
-    before = {number: signal.signal(number, note) for number in _WORDS}
+    is_kept = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    noted = [number for number in _WORDS if not (number is signal.SIGHUP and is_kept)]
+    before = {number: signal.signal(number, note) for number in noted}
     try:
         yield stop
     finally:

@@ -48,8 +48,21 @@ def evaluate(
 ) -> None:
     """Track the workers of a data set, and score them against its truth: PCP3D, MPJPE, recall, switches, IDF1.
 
-    The truth is gt_frame, gt_person and gt_joints in data.npz, or truth.json and truth.npz of a sequence. Videos
-    without detections are looked at by the networks that come with the package.
+    DATASET holds a rig file, NAME.rig.json; data.npz with 2D detections (as for run --detections) and the truth;
+    and dataset.json where it is needed:
+
+    \b
+    data.npz      gt_frame (G,)         integers, counted as det_frame is
+                  gt_person (G,)        integers: which worker
+                  gt_joints (G, J, 3)   metres, NaN: not known; in the world of the
+                                        rig file, or its rig frame without one
+    dataset.json  gt_joints             names of the J joints; COCO-17's of them
+                                        are scored (not needed for these 17)
+                  gt_actors_scored      of whom PCP3D is the mean (all)
+                  frames.evaluation     [[first, last], ...] that count (all)
+
+    Without detections the networks that come with the package look at the videos in the folder. Or DATASET is a
+    sequence of the generator: videos, truth.json and truth.npz.
 
     Exit code 0: done; 2: bad input, no truth, or a rig file that must not be run.
     """
@@ -78,17 +91,20 @@ def evaluate(
         )
     used = [camera_id for camera_id, wanted in zip(loaded.camera_ids, use, strict=True) if wanted]
     setting = {"dataset": str(dataset), "rig": str(opened.rig), "association": association.value, "views": used}
+    warnings = (*feed.warnings, *opened.warnings, *found.warnings)
     if as_json:
-        print_json({**setting, "warnings": list(feed.warnings), **_document(found)})
+        print_json({**setting, "warnings": list(warnings), **_document(found)})
         return
     typer.echo(f"{dataset}: association {association.value}, views {','.join(used)}, rig {opened.rig}")
-    for warning in feed.warnings:
+    for warning in warnings:
         typer.echo(f"warning: {warning}")
     for line in _table(found):
         typer.echo(line)
 
 
 def _document(found: Evaluation) -> dict[str, Any]:
+    from recognition.metrics import PROTOCOL
+
     scores = found.scores
     return {
         "instants": found.instants,
@@ -104,6 +120,7 @@ def _document(found: Evaluation) -> dict[str, Any]:
         "switches_per_worker_minute": _known(scores.switches_per_worker_minute),
         "idf1_percent": _percent(scores.idf1),
         "mota_percent": _percent(scores.mota),
+        "protocol": dict(PROTOCOL),
         "workers": [
             {
                 "worker": person.person,
@@ -119,6 +136,8 @@ def _document(found: Evaluation) -> dict[str, Any]:
 
 
 def _table(found: Evaluation) -> list[str]:
+    from recognition.metrics import PROTOCOL
+
     scores = found.scores
     total = sum(person.instants for person in scores.people)
     return [
@@ -131,6 +150,7 @@ def _table(found: Evaluation) -> list[str]:
         f"precision {_text(_percent(scores.precision))} %, IDF1 {_text(_percent(scores.idf1))} %, "
         f"MOTA {_text(_percent(scores.mota))} %",
         f"switches  {_text(_known(scores.switches_per_worker_minute), 2)} per worker and minute",
+        *(f"{name}: {what}" for name, what in PROTOCOL.items()),
     ]
 
 

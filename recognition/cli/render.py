@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from enum import StrEnum
 from pathlib import Path
@@ -13,6 +14,7 @@ import typer
 from recognition.cli._amounts import seconds
 from recognition.cli._app import JsonOption, RecordingArgument, app, print_json
 from recognition.cli._chosen import used_cameras
+from recognition.cli._show import progress
 from rigcal.errors import OptionError, OutputError, writing
 
 if TYPE_CHECKING:
@@ -30,7 +32,8 @@ class VideoCodec(StrEnum):
 def render(
     recording: RecordingArgument,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="OUT.mp4", help="Write a video of all frames.")
+        Path | None,
+        typer.Option("-o", "--output", metavar="OUT.mp4", help="Write a video of all frames, in place of an old one."),
     ] = None,
     png: Annotated[Path | None, typer.Option(metavar="OUT_DIR", help="Write pictures into this folder.")] = None,
     every: Annotated[str, typer.Option(metavar="5s", help="Time between the pictures of --png.")] = "5s",
@@ -50,27 +53,35 @@ def render(
     show_faces: Annotated[
         bool, typer.Option("--show-faces", help="Do not blur heads: only where the people shown agreed to that.")
     ] = False,
-    codec: Annotated[VideoCodec, typer.Option(help="mpeg4 where FFmpeg has no H.264 encoder.")] = VideoCodec.h264,
+    codec: Annotated[
+        VideoCodec, typer.Option(help="mpeg4 where FFmpeg has no H.264 encoder; browsers do not show it.")
+    ] = VideoCodec.h264,
     as_json: JsonOption = False,
 ) -> None:
     """Make a recording visible: every view with skeletons, boxes and identities, and a floor plan beside them.
 
     Heads are blurred, of everybody whom the run's networks saw in any frame near; faces of people whom no network
-    saw are NOT blurred. A view that was not looked at for a second is blurred as a whole.
+    saw are NOT blurred. A view that was not looked at for a second is blurred as a whole, and so is every view of a
+    recording without detections.
 
     IN.mcap is a file, the name NAME.mcap of the segments NAME.000.mcap and so on, or a folder with one recording.
 
-    Exit code 0: done; 2: not a recording, or one without frames or detections.
+    Exit code 0: done; 2: not a recording, or one without frames.
     """
     from recognition.sources.recording import open_recording
-    from recognition.viewing import Rendering, RenderOptions, foxglove_layout, read_footage
+    from recognition.viewing import Rendering, RenderOptions, encoder_of, foxglove_layout, read_footage
 
     if output is None and png is None and layout is None:
         raise OptionError("-o", expected="-o OUT.mp4, --png OUT_DIR or --layout OUT.json", got=None)
+    _require_suffix("-o", output, ".mp4")
+    _require_suffix("--layout", layout, ".json")
+    if output is not None:
+        encoder_of(codec.value)
     every_s = seconds("--every", every)
     opened = open_recording(recording)
     use = used_cameras(opened.rig, views)
-    footage = read_footage(opened)
+    options = RenderOptions(use, from_s, to_s, None if output else every_s, show_faces, smooth)
+    footage = read_footage(opened, from_s=from_s, to_s=to_s)
     told: dict[str, Any] = {"recording": str(recording), "warnings": list(opened.warnings)}
     if layout is not None:
         shown = {camera_id: topic for (camera_id, topic) in footage.topics.items()
@@ -79,17 +90,38 @@ def render(
             layout.write_text(json.dumps(foxglove_layout(opened.rig, shown), indent=1) + "\n", encoding="utf-8")
         told["layout"] = str(layout)
     if output is not None or png is not None:
-        options = RenderOptions(use, from_s, to_s, None if output else every_s, show_faces, smooth)
-        rendering = Rendering(footage, options)
-        told |= _pictures(rendering, output, png, every_s, codec)
-        if rendering.broken:
-            told["warnings"].append(f"{rendering.broken} frames could not be decoded")
+        with progress(None, quiet=as_json, label="placing") as bar:
+            rendering = Rendering(footage, options, progress=bar)
+        with progress(len(rendering.ticks_ns), quiet=as_json, label="drawing") as bar:
+            told |= _pictures(rendering, output, png, every_s, codec, bar)
+        told["warnings"] += _warnings(rendering, show_faces=show_faces)
         told["faces"] = "shown" if show_faces else "blurred"
     _tell(told, as_json)
 
 
+def _require_suffix(option: str, path: Path | None, suffix: str) -> None:
+    """Refuse a name of another kind: somebody may have named the recording, which would be overwritten."""
+    if path is not None and path.suffix.lower() != suffix:
+        raise OptionError(option, expected=f"a name that ends in {suffix}", got=path.name)
+
+
+def _warnings(rendering: Rendering, *, show_faces: bool) -> Iterator[str]:
+    if not rendering.has_detections:
+        hidden = (
+            "" if show_faces else ", and every view is blurred as a whole, since nobody knows whose faces are in it"
+        )
+        yield f"the recording holds no detections: nobody is drawn{hidden}"
+    if rendering.broken:
+        yield f"{rendering.broken} frames could not be decoded"
+
+
 def _pictures(
-    rendering: Rendering, output: Path | None, png: Path | None, every_s: float, codec: VideoCodec
+    rendering: Rendering,
+    output: Path | None,
+    png: Path | None,
+    every_s: float,
+    codec: VideoCodec,
+    bar: Callable[[int], None] | None,
 ) -> dict[str, Any]:
     """Write what was asked for; what was written."""
     from recognition.viewing import VideoWriter
@@ -107,6 +139,8 @@ def _pictures(
             if png is not None and picture.after_s >= next_s:
                 _write_png(png, picture)
                 files, next_s = files + 1, picture.after_s + every_s - 0.5 / rendering.rate
+            if bar:
+                bar(count)
     told: dict[str, Any] = {"frames": count} if output else {}
     told |= {"video": str(output)} if output else {}
     return told | ({"png": str(png), "pictures": files} if png else {})
@@ -129,9 +163,10 @@ def _tell(told: dict[str, Any], as_json: bool) -> None:
         return
     for warning in told["warnings"]:
         typer.echo(f"warning: {warning}")
+    faces = "faces shown" if told.get("faces") == "shown" else "heads of everybody detected blurred"
     if "video" in told:
-        typer.echo(f"video     {told['video']} ({told['frames']} frames, faces {told['faces']})")
+        typer.echo(f"video     {told['video']} ({told['frames']} frames, {faces})")
     if "png" in told:
-        typer.echo(f"pictures  {told['png']} ({told['pictures']} files, faces {told['faces']})")
+        typer.echo(f"pictures  {told['png']} ({told['pictures']} files, {faces})")
     if "layout" in told:
-        typer.echo(f"layout    {told['layout']} (in Foxglove: Layouts, Import from file)")
+        typer.echo(f"layout    {told['layout']} (in Foxglove: Layouts, Import from file; it blurs nobody)")

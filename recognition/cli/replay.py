@@ -9,6 +9,7 @@ import typer
 
 from recognition.cli._app import JsonOption, RecordingArgument, app, print_json
 from recognition.cli._chosen import AssociationMethod, write_poses_of
+from recognition.cli._show import progress
 
 if TYPE_CHECKING:
     from recognition.placing import PlacingOptions
@@ -35,32 +36,43 @@ def replay(
 
     Exit code 0: done; 2: not a recording, or one without detections.
     """
+    from recognition.replay import recorded_options
     from recognition.replay import replay as replay_recording
     from recognition.sources.recording import open_recording
 
     opened = open_recording(recording)
-    options, warnings = _options(opened, association)
-    result = replay_recording(opened, options, smooth=smooth)
-    if result.incomplete:
-        warnings.append(f"{result.incomplete} instants lost the detections of a camera and were left out")
+    recorded = recorded_options(opened)
+    options = _options(recorded, association)
+    with progress(None, quiet=as_json, label="placing") as bar:
+        result = replay_recording(opened, options, smooth=smooth, keep_scenes=poses is not None, progress=bar)
     if poses is not None:
         write_poses_of(result.scenes, opened.rig, poses)
-    _tell(recording, opened, options, result, warnings, poses, as_json)
-
-
-def _options(opened: RecordedRun, association: AssociationMethod | None) -> tuple[PlacingOptions, list[str]]:
-    """What to place with, and why the tracks may not be those of the run."""
-    from recognition.placing import PlacingOptions
-    from recognition.replay import recorded_options
-
     warnings = list(opened.warnings)
-    recorded = recorded_options(opened)
     if recorded is None:
         warnings.append("the recording does not say how it was placed: tracks may differ from the run's")
+    if result.incomplete:
+        warnings.append(f"{result.incomplete} instants lost the detections of a camera and were left out")
+    how = _likeness(recorded, options) + (", smoothed" if smooth else "")
+    _tell(recording, opened, options, result, how, warnings, poses, as_json)
+
+
+def _options(recorded: PlacingOptions | None, association: AssociationMethod | None) -> PlacingOptions:
+    """What to place with: the run's own options, unless another method is asked for."""
+    from recognition.placing import PlacingOptions
+
     chosen = recorded or PlacingOptions()
-    if association is not None and association.value != chosen.method:
-        chosen = PlacingOptions(method=association.value)
-    return chosen, warnings
+    if association is None or association.value == chosen.method:
+        return chosen
+    return PlacingOptions(method=association.value)
+
+
+def _likeness(recorded: PlacingOptions | None, options: PlacingOptions) -> str:
+    """How what was placed compares with the run, in words."""
+    if recorded is None:
+        return f"placed by the method {options.method}"
+    if recorded != options:
+        return f"placed by the method {options.method}, not the run's {recorded.method}"
+    return f"placed as the run did, by the method {options.method}"
 
 
 def _tell(
@@ -68,6 +80,7 @@ def _tell(
     opened: RecordedRun,
     options: PlacingOptions,
     result: ReplayResult,
+    how: str,
     warnings: list[str],
     poses: Path | None,
     as_json: bool,
@@ -81,15 +94,16 @@ def _tell(
                 "verdict": opened.rig.verdict,
                 "association": options.method,
                 "instants": result.instants,
-                "scenes": len(result.scenes),
+                "how": how,
+                "scenes": result.placed,
                 "incomplete": result.incomplete,
                 "warnings": warnings,
                 "workers": {str(track): count for track, count in result.worker_instants.items()},
-                "objects": result.object_instants,
+                "objects": dict(result.object_instants),
             }
         )
         return
-    typer.echo(f"{result.instants} instants, {len(result.scenes)} of them in 3D, rig {opened.rig.verdict}")
+    typer.echo(f"{result.instants} instants, {result.placed} of them in 3D, rig {opened.rig.verdict}; {how}")
     for warning in warnings:
         typer.echo(f"warning: {warning}")
     for track, count in result.worker_instants.items():

@@ -14,12 +14,13 @@ from recognition.cli._chosen import (
     AssociationMethod,
     declared_fps,
     detector_of,
+    require_output,
     require_runnable,
     used_cameras,
     write_poses_of,
 )
 from recognition.errors import SourceError
-from rigcal.errors import writing
+from rigcal.errors import OptionError, writing
 
 if TYPE_CHECKING:
     from recognition.cli._running import Storage
@@ -100,9 +101,11 @@ def run(
     """Track workers and objects in 3D over a capture or live cameras, and record frames, detections and scenes.
 
     Frames without --detections are looked at by the networks that come with the package; --pose-model replaces their
-    people, --object-model their objects. Ctrl-C ends the run with a finished recording.
+    people, --object-model their objects. Ctrl-C ends the run with a finished recording; so do SIGTERM and SIGHUP.
 
-    Exit code 0: done; 2: bad input, or a rig file that must not be run.
+    Exit code 0: done, or ended by Ctrl-C; 1: nothing was monitored at any instant, and why is said; 2: bad input, or a
+    rig file that must not be run; 3: not everything is in the recording, since the disk was full or too slow, or
+    --max-disk used up.
     """
     from recognition.cli import _running as running
     from recognition.cli._signals import stop_on_signal
@@ -121,6 +124,7 @@ def run(
     where = chosen_sources(source or [], loaded, use, known_site if detections is None else None)
     if isinstance(where, dict) and detections is not None:
         raise _detections_of_live()
+    require_output(output, is_live=isinstance(where, dict))
     job = running.Job(
         rig_path=rig,
         output=output,
@@ -151,6 +155,7 @@ def run(
         running.tell_json(loaded, told, poses)
     else:
         running.tell(loaded, told, stop, poses)
+    raise typer.Exit(told.exit_code)
 
 
 def _storage(segment: str | None, max_disk: str | None, keep: Keep | None) -> Storage:
@@ -158,6 +163,8 @@ def _storage(segment: str | None, max_disk: str | None, keep: Keep | None) -> St
     from recognition.cli._running import Storage
     from recognition.recording import DiskBudget
 
+    if keep is Keep.newest and segment is None:
+        raise OptionError("--segment", expected="a time such as 10min, which --keep newest needs", got=None)
     return Storage(
         segment_s=None if segment is None else seconds("--segment", segment),
         budget=DiskBudget(

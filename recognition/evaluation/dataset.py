@@ -3,12 +3,13 @@
 **Multi-view data set**: ``dataset.json`` and ``data.npz``. Beside the detections (their form is in
 :mod:`recognition.sources.detections_file`) ``data.npz`` holds the truth:
 
-- ``gt_frame (G,)`` integers: number of the frame, counted as ``det_frame`` counts;
+- ``gt_frame (G,)`` integers: number of the frame, counted as ``det_frame``, or the instants of the videos, are;
 - ``gt_person (G,)`` integers: which worker;
 - ``gt_joints (G, J, 3)``: metres in the world (the rig frame where the rig has no world); NaN: not known.
 
-The last two are known by their form; any other name that begins with ``gt_`` will do. The J joints are those that
-``dataset.json`` names under ``gt_joints``, of which those of COCO-17 are used; without names there they are COCO-17.
+Where the last two have other names, they are known by their form; any that begins with ``gt_`` will do. The J joints
+are those that ``dataset.json`` names under ``gt_joints``, of which those of COCO-17 are used, and the others told;
+without names there they are COCO-17. Without detections in ``data.npz``, networks look at the videos of the folder.
 Where it has them, ``frames.evaluation`` (``[[first, last], ...]``) says which frames count, and ``gt_actors_scored``
 over which workers PCP3D is averaged.
 
@@ -24,7 +25,7 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,13 +34,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.errors import DatasetError
+from recognition.evaluation.plausible import check_bodies, check_once
 from recognition.evaluation.timed import TimedTruth
 from recognition.metrics import Truth
 from recognition.observations import JOINTS
+from rigcal.captures import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from rigcal.geometry import Bools
 
 Arrays = Mapping[str, NDArray[Any]]
-_FORMS = "gt_frame (G,), gt_person (G,), gt_joints (G, J, 3) in data.npz, or joints_m, t_s in truth.npz"
+_FOOTAGE = IMAGE_SUFFIXES | VIDEO_SUFFIXES
+_WRITE = "write the truth in one of the two forms; recognition run places workers without one"
+_FORMS = (
+    "integers gt_frame (G,) and gt_person (G,), floats gt_joints (G, J, 3) in data.npz, or joints_m, t_s in truth.npz"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +61,8 @@ class Dataset:
     """Of frames that are numbered as the detections are, or of times."""
     scored: tuple[int, ...] | None
     """The workers over whom PCP3D is averaged; None: all."""
+    warnings: tuple[str, ...] = ()
+    """What of the truth is not scored."""
 
     @property
     def capture(self) -> Path | None:
@@ -67,11 +76,12 @@ def open_dataset(folder: Path, *, rig: Path | None = None, detections: Path | No
     Args:
         folder: Of the data set.
         rig: Rig file; None for the one in the folder.
-        detections: Detections file; None for ``data.npz`` in the folder, where there is one.
+        detections: Detections file; None for ``data.npz`` in the folder, where that has detections.
 
     Raises:
-        DatasetError: where the folder has no truth, no rig file or several, or a file that cannot be read or has
-            another form.
+        DatasetError: where the folder has no truth, neither detections nor videos, no rig file or several, a file
+            that cannot be read or has another form, or a truth that cannot be one: see
+            :mod:`recognition.evaluation.plausible`.
     """
     if not folder.is_dir():
         raise _error(folder, "no such data set", expected="a folder", got="a file" if folder.exists() else "nothing")
@@ -80,13 +90,31 @@ def open_dataset(folder: Path, *, rig: Path | None = None, detections: Path | No
     if not timed and not known.exists():
         raise _error(folder, "this data set holds no 3D truth", expected=_FORMS, got="neither of the two files")
     about = _json(facts) if facts.exists() else {}
-    truth = _truth_of_sequence(folder) if timed else _truth_of_frames(known, about)
+    truth, warnings = _truth_of_sequence(folder) if timed else _truth_of_frames(known, about)
     return Dataset(
         folder=folder,
         rig=rig or _rig_in(folder),
-        detections=detections or (known if known.exists() else None),
+        detections=detections or _detections_in(folder),
         truth=truth,
         scored=_scored(facts, about, truth) if isinstance(truth, Truth) else None,
+        warnings=warnings,
+    )
+
+
+def _detections_in(folder: Path) -> Path | None:
+    """The detections file; None where there are videos or images in its place."""
+    path = folder / "data.npz"
+    arrays = _arrays(path) if path.exists() else {}
+    if any(name.startswith("det_") for name in arrays):
+        return path
+    if any(each.is_dir() or each.suffix.lower() in _FOOTAGE for each in folder.iterdir()):
+        return None
+    raise _error(
+        folder,
+        "this data set has neither detections nor videos",
+        expected="det_frame, det_view and det_kpts in data.npz, or a video of each camera",
+        got=", ".join(arrays) or ", ".join(sorted(each.name for each in folder.iterdir())),
+        do_next="name the detections with --detections FILE.npz, or put the videos into the folder",
     )
 
 
@@ -105,7 +133,8 @@ def _rig_in(folder: Path) -> Path:
     )
 
 
-def _truth_of_sequence(folder: Path) -> TimedTruth:
+def _truth_of_sequence(folder: Path) -> tuple[TimedTruth, tuple[str, ...]]:
+    """The truth, and what of it is not scored."""
     path, facts = folder / "truth.npz", folder / "truth.json"
     arrays, epoch_s = _arrays(path), _json(facts).get("epoch_s")
     if not isinstance(epoch_s, (int, float)):
@@ -118,7 +147,8 @@ def _truth_of_sequence(folder: Path) -> TimedTruth:
         expected = "numbers joints_m (F, W, 17, 3) and t_s (F, V), its first column ascending"
         got = f"joints_m {joints_m.shape} {joints_m.dtype}, t_s {t_s.shape} {t_s.dtype}"
         raise _error(path, "the truth has another form", expected=expected, got=got)
-    return TimedTruth(round(epoch_s * 1e9) + np.rint(t_s[:, 0] * 1e9).astype(np.int64), joints_m)
+    check_bodies(path, joints_m)
+    return TimedTruth(round(epoch_s * 1e9) + np.rint(t_s[:, 0] * 1e9).astype(np.int64), joints_m), ()
 
 
 def _is_timed(joints_m: NDArray[Any], t_s: NDArray[Any]) -> bool:
@@ -129,14 +159,31 @@ def _is_timed(joints_m: NDArray[Any], t_s: NDArray[Any]) -> bool:
     return bool(np.isfinite(t_s[:, 0]).all() and (np.diff(t_s[:, 0]) > 0).all())
 
 
-def _truth_of_frames(path: Path, about: Mapping[str, Any]) -> Truth:
+def _truth_of_frames(path: Path, about: Mapping[str, Any]) -> tuple[Truth, tuple[str, ...]]:
+    """The truth, and what of it is not scored."""
     facts = path.with_name("dataset.json")
     frame, person, joints = _rows(path, _arrays(path))
-    joints_m = _coco(facts, joints, about.get("gt_joints") or JOINTS)
+    names = _names(facts, about.get("gt_joints") or None, joints.shape[1])
+    zero = (joints == 0).all(axis=2)
+    joints_m = _coco(np.where(zero[..., None], np.nan, joints), names)
     known = _counts(facts, about, frame) & np.isfinite(joints_m).all(axis=-1).any(axis=1)
     if not known.any():
         raise _error(path, "the truth has no joint in a frame that counts", expected="one or more", got="none")
-    return Truth(frame[known], person[known], joints_m[known])
+    check_once(path, frame[known], person[known])
+    check_bodies(path, joints_m[known])
+    return Truth(frame[known], person[known], joints_m[known]), tuple(_not_scored(names, int(zero[known].sum())))
+
+
+def _not_scored(names: Sequence[str], zeros: int) -> Iterator[str]:
+    """What a reader of the figures should know."""
+    others = [name for name in names if name not in JOINTS]
+    if others:
+        yield (
+            f"{len(others)} of the {len(names)} joints of the truth have no name of COCO-17 and are not scored: "
+            f"{', '.join(others)}"
+        )
+    if zeros:
+        yield f"{zeros} joints of the truth at exactly 0, 0, 0 were taken as not known, which NaN would say"
 
 
 def _scored(path: Path, about: Mapping[str, Any], truth: Truth) -> tuple[int, ...] | None:
@@ -144,7 +191,7 @@ def _scored(path: Path, about: Mapping[str, Any], truth: Truth) -> tuple[int, ..
     if not named:
         return None
     there = np.unique(truth.person).tolist()
-    if not (isinstance(named, list) and set(named) & set(there)):
+    if not (isinstance(named, list) and any(name in there for name in named)):
         got = f"{named}, where the truth has {there}"
         raise _error(path, "gt_actors_scored names nobody of the truth", expected="a list of workers", got=got)
     return tuple(named)
@@ -156,6 +203,8 @@ def _rows(path: Path, arrays: Arrays) -> tuple[NDArray[Any], NDArray[Any], NDArr
     frame = given.pop("gt_frame", None)
     numbers = [name for name, array in given.items() if array.ndim == 1 and array.dtype.kind in "iu"]
     places = [name for name, array in given.items() if array.shape[2:] == (3,) and array.dtype.kind == "f"]
+    numbers = ["gt_person"] if "gt_person" in numbers else numbers
+    places = ["gt_joints"] if "gt_joints" in places else places
     got = ", ".join(f"{name} {array.shape} {array.dtype}" for name, array in arrays.items() if name.startswith("gt_"))
     if frame is None or len(numbers) != 1 or len(places) != 1:
         raise _error(path, "this data set holds no 3D truth", expected=_FORMS, got=got or "no array gt_...")
@@ -165,15 +214,23 @@ def _rows(path: Path, arrays: Arrays) -> tuple[NDArray[Any], NDArray[Any], NDArr
     return frame, person, joints
 
 
-def _coco(path: Path, joints: NDArray[Any], names: Any) -> NDArray[Any]:
-    """(G, 17, 3) from joints (G, J, 3) with these names; those that COCO-17 does not have are left out."""
-    if len(names) != joints.shape[1] or not set(names) & set(JOINTS):
+def _names(path: Path, given: Any, count: int) -> Sequence[str]:
+    """Of the joints of the truth, so many; ``given`` is what dataset.json has, None for nothing."""
+    names = JOINTS if given is None and count == len(JOINTS) else given
+    is_list = isinstance(names, (list, tuple)) and all(isinstance(name, str) for name in names)
+    if not is_list or len(names) != count or len(set(names)) != count or not set(names) & set(JOINTS):
         raise _error(
             path,
             "gt_joints does not name the joints of the truth",
-            expected=f"{joints.shape[1]} names, COCO-17's among them: {', '.join(JOINTS)}",
-            got=", ".join(map(str, names)),
+            expected=f"a list of {count} different names, COCO-17's among them: {', '.join(JOINTS)}",
+            got="no names" if given is None else given,
+            do_next=f'add "gt_joints": [{count} names, in the order of the truth] to dataset.json',
         )
+    return tuple(names)
+
+
+def _coco(joints: NDArray[Any], names: Sequence[str]) -> NDArray[Any]:
+    """(G, 17, 3) from joints (G, J, 3) with these names; those that COCO-17 does not have are left out."""
     result = np.full((len(joints), len(JOINTS), 3), np.nan)
     for index, name in enumerate(names):
         if name in JOINTS:
@@ -213,11 +270,11 @@ def _arrays(path: Path) -> Arrays:
         raise _error(path, "cannot read this file", expected="a .npz file of plain arrays", got=error) from error
 
 
-def _error(path: Path, what: str, *, expected: str, got: object) -> DatasetError:
+def _error(path: Path, what: str, *, expected: str, got: object, do_next: str = _WRITE) -> DatasetError:
     return DatasetError(
         what,
         where=path,
         expected=expected,
         got=got,
-        do_next="write the truth in one of the two forms; recognition run places workers without one",
+        do_next=do_next,
     )

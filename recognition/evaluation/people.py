@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from recognition.errors import DatasetError
 from recognition.evaluation.timed import TimedTruth
-from recognition.metrics import Scores, Truth, score
+from recognition.metrics import AGREE_M, Scores, Truth, nearest_m, score
 from recognition.observations import Instant, Scene
 from recognition.poses import Poses
 from rigcal.geometry import Ints, Pose
+
+FEW = 0.2
+"""Recall below this raises the question whether truth and tracks have one frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +29,8 @@ class Evaluation:
     """At how many of them something could be placed."""
     truth_instants: int
     """How many the truth knows."""
+    warnings: tuple[str, ...] = ()
+    """What may make the figures say less than they seem to."""
 
 
 def evaluate_people(
@@ -68,12 +73,53 @@ def evaluate_people(
             "the truth knows none of the instants of this run",
             where=None,
             expected="frames or times that both have",
-            got=f"a truth of {len(frames)} frames, a run of {len(numbers)} instants",
+            got=f"a truth of {len(frames)} frames{_span(frames)}, a run of {len(numbers)} instants{_span(numbers)}",
             do_next="see that gt_frame counts as det_frame does, or that the rig's clocks are those of the truth",
         )
     poses = Poses.of(scenes, world_from_rig)
     scores = score(known, poses, period_s=_period_s(times_ns[judged]), scored=scored)
-    return Evaluation(scores, len(numbers), len(scenes), len(frames))
+    warnings = [*_unrun(frames, numbers), *_unknown(scores)]
+    if scores.recall < FEW:
+        warnings += _elsewhere(known, scenes, world_from_rig)
+    return Evaluation(scores, len(numbers), len(scenes), len(frames), tuple(warnings))
+
+
+def _span(numbers: Ints) -> str:
+    return f", {numbers.min()} to {numbers.max()}" if len(numbers) else ""
+
+
+def _unrun(frames: Ints, numbers: Ints) -> Iterator[str]:
+    lacking = frames[~np.isin(frames, numbers)]
+    if len(lacking):
+        yield (
+            f"{len(lacking)} of the truth's {len(frames)} frames{_span(lacking)}, are not of this run"
+            f"{_span(numbers)}: whoever is there counts as missed"
+        )
+
+
+def _unknown(scores: Scores) -> Iterator[str]:
+    names = [name for name, share in scores.pcp3d_parts.items() if np.isnan(share)]
+    if names:
+        yield f"the truth does not know these parts, and PCP3D is without them: {', '.join(names)}"
+
+
+def _elsewhere(truth: Truth, scenes: Sequence[Scene], world_from_rig: Pose | None) -> Iterator[str]:
+    """Where the tracks are, if not where the truth is: in another frame, perhaps."""
+    away_m = _away_m(truth, scenes, world_from_rig)
+    if not np.isfinite(away_m) or away_m < AGREE_M:
+        return
+    frame = "the rig frame, as the rig file has no world" if world_from_rig is None else "the world of the rig file"
+    text = f"the tracks are {away_m:.3g} m from the truth (median), which must be in metres in {frame}"
+    if world_from_rig is not None and _away_m(truth, scenes, None) < AGREE_M:
+        text += "; it is in the rig frame: apply the rig file's world_from_rig to it"
+    yield text
+
+
+def _away_m(truth: Truth, scenes: Sequence[Scene], world_from_rig: Pose | None) -> float:
+    """How far tracks are from the truth, in the median of the rows that have one at their instant; NaN for none."""
+    away_m = nearest_m(truth, Poses.of(scenes, world_from_rig))
+    there = away_m[np.isfinite(away_m)]
+    return float(np.median(there)) if len(there) else float("nan")
 
 
 def _period_s(t_ns: Ints) -> float:

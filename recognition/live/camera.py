@@ -66,6 +66,8 @@ class LiveCamera:
         self._lateness: str | None = None
         self._said: set[str] = set()
         self._loss: str | None = _NOT_YET
+        self._lost_ns: int | None = None
+        """Since when; None where it is there, or was never lost."""
         self.received = 0
         self.corrupt = 0
         """Frames that could not be decoded; packets among them count as undecoded too."""
@@ -73,7 +75,7 @@ class LiveCamera:
         """By the receiver and by the decoder, so that each is counted by one thread."""
         self.interruptions = 0
         self.lag_ns: int | None = None
-        """Of the latest packet: arrival minus capture."""
+        """Of the latest packet: arrival minus capture; None while the camera is lost."""
 
     @property
     def undecoded(self) -> int:
@@ -120,7 +122,8 @@ class LiveCamera:
                     case ClockStep():
                         self._step_s += item.step_s
                         self._say("warning", item.reason)
-            self._loss = _ENDED
+            if not self._shared.stopping.is_set():
+                self._loss = _ENDED
         except RigcalError as error:
             self._loss = error.what
             self._say("error", f"the camera is lost for good: {error.what}")
@@ -142,9 +145,9 @@ class LiveCamera:
         if packet.is_recordable:
             self._shared.recording.put(packet)
         if self._loss is not None:
-            if self._loss != _NOT_YET:
-                self._say("warning", "the camera is back")
-            self._loss = None
+            if self._lost_ns is not None:
+                self._say("warning", f"the camera is back after {(packet.t_ns - self._lost_ns) * 1e-9:.1f} s")
+            self._loss = self._lost_ns = None
         self.received += 1
         self.lag_ns = None if packet.receive_ns is None else packet.receive_ns - packet.t_ns
         self._judge_clock(packet)
@@ -176,9 +179,11 @@ class LiveCamera:
                 self._say("warning", "its clock is back where it was, the camera is used again")
 
     def _interrupted(self, item: Interruption) -> None:
-        self._say("error", f"the camera is lost: {item.reason}")
+        where = f" ({item.error.where})" if item.error.where else ""
+        self._say("error", f"the camera is lost: {item.reason}{where}; {item.error.do_next}")
         self.interruptions += self._loss is None
-        self._loss = f"lost: {item.reason}"
+        self._loss, self.lag_ns = f"lost: {item.reason}", None
+        self._lost_ns = self._lost_ns or item.t_ns
         self._watch.interrupted(self._step_s)
         self._gate.shut()
         self._shared.gathering.lose(self.index)

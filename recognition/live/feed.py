@@ -185,6 +185,7 @@ class LiveFeed:
             latency_p50_s=self._latency.quantile_s(0.5),
             latency_p95_s=self._latency.quantile_s(0.95),
             waiting_bytes=self._recording.waiting_bytes,
+            unrecorded_why=self._recorder.stopped,
         )
 
     def _camera_status(self, camera: LiveCamera, fps: float) -> CameraStatus:
@@ -240,8 +241,8 @@ class LiveFeed:
         if new:
             self._journal.say(
                 "warning",
-                f"{new} of {sets - self._books.sets} frame sets were skipped in the last "
-                f"{now_s - self._books.reported_s:.0f} s: inference is late",
+                f"{new} of {max(sets - self._books.sets, new)} frame sets were skipped in the last "
+                f"{max(now_s - self._books.reported_s, 1.0):.0f} s: inference is late",
             )
         self._books = replace(self._books, reported_s=now_s, sets=sets, skipped=skipped)
 

@@ -61,17 +61,20 @@ def chosen_sources(
     if not any(map(is_url, given)):
         if len(given) > 1:
             raise _unsuitable(rig, wanted, " ".join(given))
-        return Path(given[0])
+        return _capture(Path(given[0]))
     ids = rig.camera_ids
     named = [text.partition("=") for text in given]
-    if all(name in ids and is_url(rest) for name, _, rest in named):
-        addresses = {ids.index(name): SourceUrl.parse(rest) for name, _, rest in named}
+    has_names = all(is_url(rest) and not is_url(name) for name, _, rest in named)
+    if has_names:
+        addresses = {ids.index(name): SourceUrl.parse(rest) for name, _, rest in named if name in ids}
     elif len(given) == len(wanted):
         addresses = {view: SourceUrl.parse(text) for view, text in zip(wanted, given, strict=True)}
     else:
         addresses = {}
     if sorted(addresses) != wanted or len(given) != len(wanted):
-        raise _unsuitable(rig, wanted, f"{len(given)} addresses")
+        names = ", ".join(name for name, _, _ in named)
+        count = f"{len(given)} address{'es' * (len(given) > 1)}"
+        raise _unsuitable(rig, wanted, f"{count}, for {names}" if has_names else count)
     return addresses
 
 
@@ -104,6 +107,18 @@ def paced_capture(path: Path, rig: Rig, options: FeedOptions) -> LiveInput:
         sync=capture.sync,
         bytes=size_of(capture),
     )
+
+
+def _capture(path: Path) -> Path:
+    if path.name.endswith((".mcap", ".mcap.part")):
+        raise SourceError(
+            "a recording is no source of frames to look at anew",
+            where=path,
+            expected="a capture folder, or the addresses of live cameras",
+            got="an MCAP recording, which holds what the networks saw in its frames",
+            do_next=f"place that again: recognition replay {path}",
+        )
+    return path
 
 
 def _of_site(site: Site, rig: Rig, wanted: Sequence[int]) -> dict[int, SourceUrl]:

@@ -6,16 +6,21 @@ coordinate here, and a reader takes it off again.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import compress
 
 import numpy as np
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
 from foxglove_schemas_protobuf.Point2_pb2 import Point2
 from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
+from foxglove_schemas_protobuf.TextAnnotation_pb2 import TextAnnotation
 
 from recognition.observations import ViewDetections
-from recognition.recording.messages import GREY, identity_color, known_points, limb_ends, stamp
+from recognition.recording.messages import identity_color, known_points, limb_ends, stamp
+from recognition.recording.stencil import Stencil
 from rigcal.geometry import Floats
 
 CORNER_FROM_CENTRE_PX = 0.5
@@ -43,59 +48,81 @@ def image_annotations(view: ViewDetections, tracks: ViewTracks | None, t_ns: int
     """
     people = (None,) * len(view.people_px) if tracks is None else tracks.people
     objects = (None,) * len(view.object_class) if tracks is None else tracks.objects
-    drawn = ImageAnnotations(timestamp=stamp(t_ns))
-    for joints_px, track_id in zip(view.people_px, people, strict=True):
-        _add_skeleton(drawn, joints_px + CORNER_FROM_CENTRE_PX, track_id)
-    boxes = zip(view.object_class, view.object_xyxy, view.object_score, objects, strict=True)
-    for name, xyxy, score, track_id in boxes:
-        _add_box(drawn, name, xyxy + CORNER_FROM_CENTRE_PX, float(score), track_id)
-    return drawn
+    sheet = _Sheet(t_ns)
+    _draw_skeletons(sheet, view.people_px, people)
+    _draw_boxes(sheet, view, objects)
+    return sheet.drawn
 
 
-def _add_skeleton(drawn: ImageAnnotations, joints: Floats, track_id: int | None) -> None:
-    known, limbs = joints[known_points(joints)], limb_ends(joints)
-    if not len(known):
-        return
-    color = GREY if track_id is None else identity_color(track_id)
-    if len(limbs):
-        _add_points(drawn, PointsAnnotation.LINE_LIST, limbs.tolist(), color, LINE_PX)
-    _add_points(drawn, PointsAnnotation.POINTS, known.tolist(), color, JOINT_PX)
-    if track_id is not None:
-        _add_text(drawn, f"worker {track_id}", known[np.argmin(known[:, 1])].tolist(), color)
+class _Sheet:
+    """What is drawn over one image; all of it bears the image's time."""
+
+    def __init__(self, t_ns: int) -> None:
+        when = stamp(t_ns)
+        self.drawn = ImageAnnotations(timestamp=when)
+        self._points_then = PointsAnnotation(timestamp=when).SerializeToString()
+        self._text_then = TextAnnotation(timestamp=when).SerializeToString()
+
+    def add_points(self, style: bytes, points: bytes) -> None:
+        self.drawn.points.add().MergeFromString(self._points_then + style + points)
+
+    def add_text(self, text: str, style: bytes, position: bytes) -> None:
+        self.drawn.texts.add(text=text).MergeFromString(self._text_then + style + position)
 
 
-def _add_box(drawn: ImageAnnotations, name: str, xyxy: Floats, score: float, track_id: int | None) -> None:
-    color = GREY if track_id is None else identity_color(track_id)
-    left, top, right, bottom = xyxy.tolist()
-    corners = [[left, top], [right, top], [right, bottom], [left, bottom]]
-    _add_points(drawn, PointsAnnotation.LINE_LOOP, corners, color, LINE_PX)
-    label = name if track_id is None else f"{name} {track_id}"
-    _add_text(drawn, f"{label} {score:.2f}", corners[0], color)
+@dataclass(frozen=True, slots=True)
+class _Style:
+    """How what belongs to a track is drawn: serialized annotations that lack their points, text and time."""
+
+    limbs: bytes
+    joints: bytes
+    box: bytes
+    text: bytes
 
 
-def _add_points(
-    drawn: ImageAnnotations,
-    kind: PointsAnnotation.Type.ValueType,
-    points: list[list[float]],
-    color: Color,
-    thickness_px: float,
-) -> None:
-    drawn.points.add(
-        timestamp=drawn.timestamp,
-        type=kind,
-        points=[Point2(x=x, y=y) for x, y in points],
-        outline_color=color,
-        fill_color=color,
-        thickness=thickness_px,
+@lru_cache(maxsize=1024)
+def _style(track_id: int | None) -> _Style:
+    color = identity_color(track_id)
+
+    def points(kind: PointsAnnotation.Type.ValueType, thickness_px: float) -> bytes:
+        drawn = PointsAnnotation(type=kind, outline_color=color, fill_color=color, thickness=thickness_px)
+        return drawn.SerializeToString()
+
+    text = TextAnnotation(font_size=FONT_PX, text_color=color, background_color=_TEXT_BACKGROUND)
+    return _Style(
+        limbs=points(PointsAnnotation.LINE_LIST, LINE_PX),
+        joints=points(PointsAnnotation.POINTS, JOINT_PX),
+        box=points(PointsAnnotation.LINE_LOOP, LINE_PX),
+        text=text.SerializeToString(),
     )
 
 
-def _add_text(drawn: ImageAnnotations, text: str, position: list[float], color: Color) -> None:
-    drawn.texts.add(
-        timestamp=drawn.timestamp,
-        position=Point2(x=position[0], y=position[1]),
-        text=text,
-        font_size=FONT_PX,
-        text_color=color,
-        background_color=_TEXT_BACKGROUND,
-    )
+def _draw_skeletons(sheet: _Sheet, people_px: Floats, tracks: Sequence[int | None]) -> None:
+    joints = people_px + CORNER_FROM_CENTRE_PX
+    known = known_points(joints)
+    highest = np.where(known, joints[..., 1], np.inf).argmin(axis=1)
+    labels = _POSITION.copies(joints[np.arange(len(joints)), highest])
+    for track_id, points, is_known, label in zip(tracks, _POINT.copies(joints), known.tolist(), labels, strict=True):
+        style, limbs = _style(track_id), limb_ends(points, is_known)
+        if limbs:
+            sheet.add_points(style.limbs, limbs)
+        if any(is_known):
+            sheet.add_points(style.joints, b"".join(compress(points, is_known)))
+            if track_id is not None:
+                sheet.add_text(f"worker {track_id}", style.text, label)
+
+
+def _draw_boxes(sheet: _Sheet, view: ViewDetections, tracks: Sequence[int | None]) -> None:
+    corners = (view.object_xyxy + CORNER_FROM_CENTRE_PX)[:, _CORNERS]
+    boxes, labels = _POINT.copies(corners), _POSITION.copies(corners[:, 0])
+    named = zip(view.object_class, view.object_score.tolist(), tracks, boxes, labels, strict=True)
+    for name, score, track_id, box, label in named:
+        style, identity = _style(track_id), "" if track_id is None else f" {track_id}"
+        sheet.add_points(style.box, b"".join(box))
+        sheet.add_text(f"{name}{identity} {score:.2f}", style.text, label)
+
+
+_CORNERS = np.array([[0, 1], [2, 1], [2, 3], [0, 3]])
+"""(4, 2) a box's corners in its left, top, right and bottom."""
+_POINT = Stencil(2, lambda x, y: PointsAnnotation(points=[Point2(x=x, y=y)]))
+_POSITION = Stencil(2, lambda x, y: TextAnnotation(position=Point2(x=x, y=y)))

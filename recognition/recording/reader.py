@@ -9,7 +9,9 @@ from pathlib import Path
 
 from google.protobuf.message import DecodeError, Message
 from mcap import records as r
+from mcap.data_stream import ReadDataStream
 from mcap.reader import McapReader, make_reader
+from mcap.stream_reader import breakup_chunk
 from mcap_protobuf.decoder import DecoderFactory
 
 from recognition.errors import RecordingError
@@ -23,7 +25,9 @@ from recognition.recording.container import (
     recover_command,
 )
 from recognition.recording.detections import RecordedView, recorded_view
-from recognition.recording.scan import FAULTS, Damage, scan
+from recognition.recording.scan import FAULTS, HEADER_BYTES, Damage, scan
+
+_LATEST_NS = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,24 +43,52 @@ class RecordedMessage:
     """The Foxglove message, decoded by the schema in the file."""
 
 
-def iter_messages(path: Path, topics: Iterable[str] | None = None) -> Iterator[RecordedMessage]:
+def iter_messages(
+    path: Path,
+    topics: Iterable[str] | None = None,
+    *,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+    newest_first: bool = False,
+) -> Iterator[RecordedMessage]:
     """The messages of a finished recording in the order of log time; of equal times, in the order of recording.
+
+    The index leads to them: chunks that hold no such topic, or only other times, are not read.
+
+    Args:
+        path: One file.
+        topics: Only these.
+        start_ns: Only messages logged from this time on.
+        end_ns: Only messages logged up to this time.
+        newest_first: The other way round.
 
     Raises:
         RecordingError: where the file is absent, unfinished or damaged.
     """
     wanted = None if topics is None else list(topics)
     with _reading(path) as reader:
-        for _, channel, message, decoded in reader.iter_decoded_messages(wanted):
+        found = reader.iter_decoded_messages(wanted, starting_at=start_ns, ending_at=end_ns, reverse=newest_first)
+        for _, channel, message, decoded in found:
             yield RecordedMessage(channel.topic, message.log_time, message.publish_time, decoded)
 
 
-def iter_detections(path: Path) -> Iterator[RecordedView]:
+def iter_detections(path: Path, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[RecordedView]:
     """What the cameras saw, in the order of recording: the views of one instant stand together.
+
+    Args:
+        path: One file.
+        start_ns: Only what was logged from this time on; found by the index, without reading what was before.
+        end_ns: Only what was logged up to this time.
 
     Raises:
         RecordingError: where the file is absent, unfinished or damaged.
     """
+    if start_ns is None and end_ns is None:
+        return _all_detections(path)
+    return _detections_between(path, start_ns or 0, _LATEST_NS if end_ns is None else end_ns)
+
+
+def _all_detections(path: Path) -> Iterator[RecordedView]:
     wanted: set[int] = set()
     schemas: set[int] = set()
     with mapped(path) as data:
@@ -74,6 +106,24 @@ def iter_detections(path: Path) -> Iterator[RecordedView]:
                     case r.Message(channel_id=number, data=message) if number in wanted:
                         yield _view(path, message)
     raise _damaged(path, "it ends before its index")
+
+
+def _detections_between(path: Path, start_ns: int, end_ns: int) -> Iterator[RecordedView]:
+    with _reading(path) as reader, opened(path) as stream:
+        summary = reader.get_summary()
+        if summary is None:
+            raise _damaged(path, "it has no index")
+        schemas = {number for number, schema in summary.schemas.items() if schema.name == detections.SCHEMA}
+        wanted = {number for number, channel in summary.channels.items() if channel.schema_id in schemas}
+        for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
+            if chunk.message_end_time < start_ns or chunk.message_start_time > end_ns:
+                continue
+            stream.seek(chunk.chunk_start_offset + HEADER_BYTES)
+            for record in breakup_chunk(r.Chunk.read(ReadDataStream(stream)), validate_crc=True):
+                if not isinstance(record, r.Message) or record.channel_id not in wanted:
+                    continue
+                if start_ns <= record.log_time <= end_ns:
+                    yield _view(path, record.data)
 
 
 def _view(path: Path, message: bytes) -> RecordedView:

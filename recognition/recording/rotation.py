@@ -16,7 +16,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from recognition.errors import NoRoomError, RecordingError
@@ -78,7 +78,8 @@ class Rotation:
         self._stopped: str | None = None
         self._undecodable: Counter[str] = Counter()
         self._unrecorded: Counter[str] = Counter()
-        self._look_at_s, self._look_at_bytes = 0.0, 0
+        self._look_at_s, self._unlooked_bytes = 0.0, 0
+        """When the disk is looked at again, and what was written since it was."""
         self._closed = False
         self._written: Written | None = None
 
@@ -107,7 +108,7 @@ class Rotation:
             latest = ordered[-1]
             with self._full_disk_ends_it():
                 self._rotate(latest.log_ns)
-                self._put(ordered)
+                self._unlooked_bytes += self._put(ordered)
                 self._let_go()
                 self._mind_the_disk(latest)
 
@@ -139,16 +140,20 @@ class Rotation:
 
     def _ordered(self, item: Outgoing) -> Outgoing:
         """The message, not logged before the last one of its topic."""
-        log_ns = max(item.log_ns, self._latest.get(item.topic, 0))
-        self._latest[item.topic] = log_ns
-        return Outgoing(item.topic, item.message, item.t_ns, log_ns, item.is_key)
+        latest_ns = self._latest.get(item.topic, 0)
+        if item.log_ns < latest_ns:
+            return replace(item, log_ns=latest_ns)
+        self._latest[item.topic] = item.log_ns
+        return item
 
-    def _put(self, items: Sequence[Outgoing]) -> None:
-        placed = [(item, self._segment_of(item)) for item in items]
+    def _put(self, items: Sequence[Outgoing]) -> int:
+        """Write messages to where they belong; returns how many bytes they are."""
+        placed, written = [(item, self._segment_of(item)) for item in items], 0
         for segment in self._open_segments():
             lot = [item for item, target in placed if target is segment]
             if lot:
-                segment.write(lot)
+                written += segment.write(lot)
+        return written
 
     def _segment_of(self, item: Outgoing) -> Segment | None:
         """Where a message belongs; None for a frame that nobody could decode."""
@@ -190,16 +195,17 @@ class Rotation:
 
     def _mind_the_disk(self, latest: Outgoing) -> None:
         """Once in a while: make room, or end the recording."""
-        now_s, used_bytes = time.monotonic(), self._used_bytes()
-        if now_s < self._look_at_s and used_bytes < self._look_at_bytes:
+        now_s = time.monotonic()
+        if now_s < self._look_at_s and self._unlooked_bytes < LOOK_BYTES:
             return
+        used_bytes = self._used_bytes()
         while shortage := self._budget.shortage(used_bytes, free_on_disk(self._current.path)):
             if self._budget.keep != "newest" or not self._files:
                 self._end(shortage, latest)
                 return
             self._drop_oldest(shortage, latest)
             used_bytes = self._used_bytes()
-        self._look_at_s, self._look_at_bytes = now_s + LOOK_S, used_bytes + LOOK_BYTES
+        self._look_at_s, self._unlooked_bytes = now_s + LOOK_S, 0
 
     def _used_bytes(self) -> int:
         return sum(self._files.values()) + sum(segment.bytes for segment in self._open_segments())

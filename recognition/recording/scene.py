@@ -1,4 +1,4 @@
-"""Workers and objects in 3D: Foxglove SceneUpdate.
+"""Workers and objects in 3D, and whether the site is monitored: Foxglove SceneUpdate.
 
 Entities stand in ``world`` where the rig has one (z is up there, as in ``--poses``), else in ``rig``. An entity stays
 on the screen until it is deleted, so each update deletes what the last one drew and this one does not.
@@ -6,8 +6,11 @@ on the screen until it is deleted, so each update deletes what the last one drew
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Sequence
+from itertools import compress
+
 import numpy as np
-from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.Point3_pb2 import Point3
@@ -20,8 +23,17 @@ from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
-from recognition.observations import ObjectTrack, Scene, WorkerTrack
-from recognition.recording.messages import RIG_FRAME, WORLD_FRAME, identity_color, known_points, limb_ends, stamp
+from recognition.observations import ObjectTrack, Scene, Status, WorkerTrack
+from recognition.recording.messages import (
+    RIG_FRAME,
+    WORLD_FRAME,
+    color_message,
+    identity_rgb,
+    known_points,
+    limb_ends,
+    stamp,
+)
+from recognition.recording.stencil import Stencil
 from rigcal.geometry import Floats, Pose
 from rigcal.rig import Rig
 
@@ -30,6 +42,16 @@ JOINT_M, LIMB_M, OBJECT_M = 0.05, 0.03, 0.2
 LABEL_M = 0.3
 """How far above its worker or object a label stands."""
 FONT_M = 0.15
+STATUS_M = 2.5
+"""How far above the origin of the world (the floor), or of camera 0, it is said whether the site is monitored: above
+the labels of people who stand."""
+STATUS_RGB: dict[Status, tuple[float, float, float]] = {
+    "MONITORED": (0.2, 0.8, 0.3), "DEGRADED": (1.0, 0.55, 0.0), "NOT MONITORED": (1.0, 0.1, 0.1)
+}  # fmt: skip
+STATUS_FONT_PX: dict[Status, float] = {"MONITORED": 16.0, "DEGRADED": 20.0, "NOT MONITORED": 36.0}
+"""Height of its letters on the screen, from wherever the scene is looked at."""
+STATUS_COLUMNS = 28
+"""Letters in a line of the reason: about 600 px at the largest, which a third of a screen of 1920 px has room for."""
 
 
 class SceneDrawer:
@@ -43,67 +65,104 @@ class SceneDrawer:
         self._drawn: frozenset[str] = frozenset()
 
     def update(self, scene: Scene) -> SceneUpdate:
-        """The scene as one update; tracks of which no joint or centre is known are not drawn."""
-        entities = [self._worker(worker, scene.t_ns) for worker in scene.workers if _is_known(worker.joints_m)]
-        entities += [self._object(thing, scene.t_ns) for thing in scene.objects if _is_known(thing.centre_m)]
-        drawn = frozenset(entity.id for entity in entities)
-        vanished = sorted(self._drawn - drawn)
+        """The scene as one update; tracks of which no joint or centre is known are not drawn.
+
+        What the scene says of itself is always drawn, so that a site without anybody never looks like one that nobody
+        watches.
+        """
+        update = SceneUpdate()
+        head = SceneEntity(timestamp=stamp(scene.t_ns), frame_id=self._frame_id).SerializeToString()
+        self._add_status(update, head, scene)
+        self._add_workers(update, head, scene.workers)
+        self._add_objects(update, head, scene.objects)
+        drawn = frozenset(entity.id for entity in update.entities)
+        update.deletions.extend(_deletion(entity_id, scene.t_ns) for entity_id in sorted(self._drawn - drawn))
         self._drawn = drawn
-        return SceneUpdate(deletions=[_deletion(entity_id, scene.t_ns) for entity_id in vanished], entities=entities)
+        return update
 
-    def _worker(self, worker: WorkerTrack, t_ns: int) -> SceneEntity:
-        color = identity_color(worker.track_id)
-        joints = self._frame_from_rig.apply(worker.joints_m)
-        known, limbs = joints[known_points(joints)], limb_ends(joints)
-        top = known[np.argmax(known @ self._up)]
-        return SceneEntity(
-            timestamp=stamp(t_ns),
-            frame_id=self._frame_id,
-            id=f"worker/{worker.track_id}",
-            lines=[_lines(limbs, color)] if len(limbs) else [],
-            spheres=[_sphere(joint, color) for joint in known.tolist()],
-            texts=[self._label(f"worker {worker.track_id}", top, color)],
+    def _add_status(self, update: SceneUpdate, head: bytes, scene: Scene) -> None:
+        entity = _entity(update, "status", head)
+        entity.texts.add(
+            pose=_at(*(STATUS_M * self._up).tolist()),
+            billboard=True,
+            font_size=STATUS_FONT_PX[scene.status],
+            scale_invariant=True,
+            color=color_message(*STATUS_RGB[scene.status]),
+            text="\n".join([scene.status, *textwrap.wrap(scene.reason, STATUS_COLUMNS)]),
         )
 
-    def _object(self, thing: ObjectTrack, t_ns: int) -> SceneEntity:
-        color = identity_color(thing.track_id)
-        centre = self._frame_from_rig.apply(thing.centre_m)
-        edge = Vector3(x=OBJECT_M, y=OBJECT_M, z=OBJECT_M)
-        return SceneEntity(
-            timestamp=stamp(t_ns),
-            frame_id=self._frame_id,
-            id=f"object/{thing.object_class}/{thing.track_id}",
-            cubes=[CubePrimitive(pose=_at(centre.tolist()), size=edge, color=color)],
-            texts=[self._label(f"{thing.object_class} {thing.track_id}", centre, color)],
+    def _add_workers(self, update: SceneUpdate, head: bytes, workers: Sequence[WorkerTrack]) -> None:
+        if not workers:
+            return
+        colors = np.array([identity_rgb(worker.track_id) for worker in workers])
+        joints = self._frame_from_rig.apply(np.stack([worker.joints_m for worker in workers]))
+        known = known_points(joints)
+        highest = np.where(known, joints @ self._up, -np.inf).argmax(axis=1)
+        drawn = zip(
+            workers,
+            known.tolist(),
+            _SPHERE.copies(np.dstack([joints, np.broadcast_to(colors[:, None], joints.shape)])),
+            _LIMBS.copies(colors),
+            _END.copies(joints),
+            self._labels(joints[np.arange(len(joints)), highest], colors),
+            strict=True,
         )
+        for worker, is_known, spheres, limbs, ends, label in drawn:
+            if any(is_known):
+                entity = _entity(update, f"worker/{worker.track_id}", head + b"".join(compress(spheres, is_known)))
+                if used := limb_ends(ends, is_known):
+                    entity.lines.add().MergeFromString(limbs + used)
+                entity.texts.add(text=f"worker {worker.track_id}").MergeFromString(label)
 
-    def _label(self, text: str, below: Floats, color: Color) -> TextPrimitive:
-        pose = _at((below + LABEL_M * self._up).tolist())
-        return TextPrimitive(pose=pose, billboard=True, font_size=FONT_M, color=color, text=text)
+    def _add_objects(self, update: SceneUpdate, head: bytes, objects: Sequence[ObjectTrack]) -> None:
+        if not objects:
+            return
+        colors = np.array([identity_rgb(thing.track_id) for thing in objects])
+        centres = self._frame_from_rig.apply(np.stack([[thing.centre_m] for thing in objects]))[:, 0]
+        cubes, labels = _CUBE.copies(np.hstack([centres, colors])), self._labels(centres, colors)
+        drawn = zip(objects, known_points(centres).tolist(), cubes, labels, strict=True)
+        for thing, is_known, cube, label in drawn:
+            if is_known:
+                entity = _entity(update, f"object/{thing.object_class}/{thing.track_id}", head + cube)
+                entity.texts.add(text=f"{thing.object_class} {thing.track_id}").MergeFromString(label)
+
+    def _labels(self, below: Floats, colors: Floats) -> list[bytes]:
+        return _LABEL.copies(np.hstack([below + LABEL_M * self._up, colors]))
 
 
-def _is_known(points_m: Floats) -> bool:
-    return bool(known_points(points_m).any())
+def _entity(update: SceneUpdate, entity_id: str, content: bytes) -> SceneEntity:
+    entity = update.entities.add(id=entity_id)
+    entity.MergeFromString(content)
+    return entity
 
 
 def _deletion(entity_id: str, t_ns: int) -> SceneEntityDeletion:
     return SceneEntityDeletion(timestamp=stamp(t_ns), type=SceneEntityDeletion.MATCHING_ID, id=entity_id)
 
 
-def _at(point: list[float]) -> PoseMessage:
-    x, y, z = point
+def _at(x: float, y: float, z: float) -> PoseMessage:
     return PoseMessage(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(w=1.0))
 
 
-def _sphere(centre: list[float], color: Color) -> SpherePrimitive:
-    return SpherePrimitive(pose=_at(centre), size=Vector3(x=JOINT_M, y=JOINT_M, z=JOINT_M), color=color)
+def _cube(x: float, y: float, z: float, *rgb: float) -> SceneEntity:
+    edge = Vector3(x=OBJECT_M, y=OBJECT_M, z=OBJECT_M)
+    return SceneEntity(cubes=[CubePrimitive(pose=_at(x, y, z), size=edge, color=color_message(*rgb))])
 
 
-def _lines(points: Floats, color: Color) -> LinePrimitive:
-    return LinePrimitive(
-        type=LinePrimitive.LINE_LIST,
-        pose=_at([0.0, 0.0, 0.0]),
-        thickness=LIMB_M,
-        points=[Point3(x=x, y=y, z=z) for x, y, z in points.tolist()],
-        color=color,
-    )
+def _sphere(x: float, y: float, z: float, *rgb: float) -> SceneEntity:
+    size = Vector3(x=JOINT_M, y=JOINT_M, z=JOINT_M)
+    return SceneEntity(spheres=[SpherePrimitive(pose=_at(x, y, z), size=size, color=color_message(*rgb))])
+
+
+def _limbs(*rgb: float) -> LinePrimitive:
+    pose = _at(0.0, 0.0, 0.0)
+    return LinePrimitive(type=LinePrimitive.LINE_LIST, pose=pose, thickness=LIMB_M, color=color_message(*rgb))
+
+
+def _label(x: float, y: float, z: float, *rgb: float) -> TextPrimitive:
+    return TextPrimitive(pose=_at(x, y, z), billboard=True, font_size=FONT_M, color=color_message(*rgb))
+
+
+_CUBE, _SPHERE, _LABEL = Stencil(6, _cube), Stencil(6, _sphere), Stencil(6, _label)
+_LIMBS = Stencil(3, _limbs)
+_END = Stencil(3, lambda x, y, z: LinePrimitive(points=[Point3(x=x, y=y, z=z)]))

@@ -19,7 +19,7 @@ from recognition.errors import RecordingError
 from recognition.recording.container import RIG_ATTACHMENT
 from recognition.recording.definitions import define_channel, define_schema
 from recognition.recording.durable import DurableFile
-from recognition.recording.messages import calibration, transforms
+from recognition.recording.messages import calibration, stamp, transforms
 from rigcal.rig import Rig
 
 _RIG_PERIOD_NS = 1_000_000_000
@@ -68,7 +68,10 @@ class Segment:
         """Log time of its first message."""
         self.video: set[str] = set()
         """Topics of H.264 that it holds."""
-        self._rig, self._numbers = content.rig, numbers
+        self._numbers = numbers
+        self._calibrations = {topic_of(c.id, "calibration"): calibration(c, 0) for c in content.rig.cameras}
+        self._transforms = transforms(content.rig, 0)
+        """Messages that are repeated with another time each."""
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._rig_due_ns: int | None = 0
@@ -94,13 +97,15 @@ class Segment:
         """How large it is, without the chunk that is being filled."""
         return self._file.bytes
 
-    def write(self, items: Iterable[Outgoing]) -> None:
-        """Add messages, which stay together in the file."""
+    def write(self, items: Iterable[Outgoing]) -> int:
+        """Add messages, which stay together in the file; returns how many bytes they are."""
+        size = 0
         with self._file.writing() as writer:
             for item in items:
                 if self._rig_due_ns is not None and item.log_ns >= self._rig_due_ns:
                     self._add_rig(writer, item.t_ns, item.log_ns)
-                self._add(writer, item)
+                size += self._add(writer, item)
+        return size
 
     def follow_up(self) -> None:
         """From here on only the rest of its videos is added, which needs no more calibration."""
@@ -121,20 +126,25 @@ class Segment:
             self._file.finish()
 
     def _add_rig(self, writer: Writer, t_ns: int, log_ns: int) -> None:
-        for camera in self._rig.cameras:
-            self._add(writer, Outgoing(topic_of(camera.id, "calibration"), calibration(camera, t_ns), t_ns, log_ns))
-        self._add(writer, Outgoing("/tf", transforms(self._rig, t_ns), t_ns, log_ns))
+        when = stamp(t_ns)
+        for lens in self._calibrations.values():
+            lens.timestamp.CopyFrom(when)
+        for transform in self._transforms.transforms:
+            transform.timestamp.CopyFrom(when)
+        for topic, message in (*self._calibrations.items(), ("/tf", self._transforms)):
+            self._add(writer, Outgoing(topic, message, t_ns, log_ns))
         self._rig_due_ns = log_ns + _RIG_PERIOD_NS
 
-    def _add(self, writer: Writer, item: Outgoing) -> None:
+    def _add(self, writer: Writer, item: Outgoing) -> int:
         channel_id = self._channels.get(item.topic) or self._register(writer, item.topic, item.message)
-        number = self._numbers.get(item.topic, 0)
-        writer.add_message(channel_id, item.log_ns, item.message.SerializeToString(), item.t_ns, number)
+        number, data = self._numbers.get(item.topic, 0), item.message.SerializeToString()
+        writer.add_message(channel_id, item.log_ns, data, item.t_ns, number)
         self._numbers[item.topic] = number + 1
         if self.start_ns is None:
             self.start_ns = item.log_ns
         if item.is_key is not None:
             self.video.add(item.topic)
+        return len(data)
 
     def _register(self, writer: Writer, topic: str, message: Message) -> int:
         schema = message.DESCRIPTOR.full_name

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
@@ -38,15 +38,18 @@ class RecordedInstants:
         RecordingError: while they are read, where a file is damaged or holds a camera that the rig has not.
     """
 
-    def __init__(self, files: Sequence[Path], rig: Rig) -> None:
+    def __init__(
+        self, files: Sequence[Path], rig: Rig, *, start_ns: int | None = None, end_ns: int | None = None
+    ) -> None:
         self._files, self._rig = files, rig
+        self._start_ns, self._end_ns = start_ns, end_ns
         self.incomplete = 0
         """Instants so far that lost the messages of a camera, and were left out."""
 
     def __iter__(self) -> Iterator[Instant]:
         waiting: list[RecordedView] = []
         for file in self._files:
-            for view in iter_detections(file):
+            for view in iter_detections(file, start_ns=self._start_ns, end_ns=self._end_ns):
                 if waiting and (view.index, view.instant_ns) != (waiting[0].index, waiting[0].instant_ns):
                     self.incomplete += 1
                     waiting = []
@@ -95,10 +98,18 @@ class RecordedRun:
     """Options, networks and what else describes the run."""
     warnings: tuple[str, ...]
     """Why a replay may differ from the run."""
+    start_ns: int | None = None
+    """Only what was logged from this time on counts; None: everything."""
+    end_ns: int | None = None
+    """Only what was logged up to this time counts."""
 
     def instants(self) -> RecordedInstants:
         """The instants, from the first."""
-        return RecordedInstants(self.files, self.rig)
+        return RecordedInstants(self.files, self.rig, start_ns=self.start_ns, end_ns=self.end_ns)
+
+    def between(self, start_ns: int | None, end_ns: int | None) -> RecordedRun:
+        """A part of it, by the times at which things were logged; the rest is not read."""
+        return replace(self, start_ns=start_ns, end_ns=end_ns)
 
 
 def open_recording(path: Path) -> RecordedRun:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from recognition.optics import MIN_PARALLAX_RAD, NEAREST_M, Optics, midpoints
+from recognition.optics import MIN_PARALLAX_RAD, NEAREST_M, Optics, midpoints, pairs
 from rigcal.geometry import Bools, Floats
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def consensus(optics: Optics, sights: Sights, sigmas: float) -> tuple[Floats, Bo
         sigmas: How many standard deviations a ray may be away.
     """
     views, count = sights.seen.shape
-    first, second = np.triu_indices(views, 1)
+    first, second = pairs(views)
     x, y = sights.factors[1], sights.factors[2]
     xy = np.stack([x, y], axis=-1)
     rays = optics.rays(xy, np.arange(views))

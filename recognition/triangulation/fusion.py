@@ -132,7 +132,8 @@ def fuse(optics: Optics, prior: Motion, sights: Sights, since_s: Floats) -> Fuse
     weight = _weights(square, variance + doubt, seen)
     if vague.any():
         information, target = _normal_equations(optics, sights, weight / (variance * depth * depth), prior)
-        place = prior.state[:, :3] + _step(prior, information, target) * vague[:, None]
+        place = prior.state[:, :3].copy()
+        place[vague] += _step(prior.covariance[vague, :3, :3], information[vague], target[vague])
         square, variance, depth = _residuals(optics, place, sights, moved)
         seen = sights.seen & (depth > NEAREST_M)
         doubt = np.where(vague, 0.0, doubt)
@@ -210,9 +211,8 @@ def normal_matrices(optics: Optics, factors: Floats) -> Floats:
     return np.asarray(sums[_SYMMETRIC].T.reshape(-1, 3, 3))
 
 
-def _step(prior: Motion, information: Floats, target: Floats) -> Floats:
-    """(N, 3) from the prior's place to the best one: ``P (I + information P)^-1 target``, P of the places."""
-    place = prior.covariance[:, :3, :3]
+def _step(place: Floats, information: Floats, target: Floats) -> Floats:
+    """(N, 3) from the prior's place to the best one: ``P (I + information P)^-1 target``, P (N, 3, 3) of the places."""
     return _times(place, np.asarray(np.linalg.solve(information @ place + _EYE, target[..., None]))[..., 0])
 
 

@@ -15,6 +15,7 @@ from recognition.triangulation.fusion import Fused, normal_matrices
 from rigcal.geometry import Floats
 
 _FIRST, _SECOND = np.triu_indices(3)
+_EYE = np.eye(3)
 
 
 def systematic(optics: Optics, fused: Fused, factors: Floats, clock_bounds_s: Floats) -> Floats | None:
@@ -34,5 +35,5 @@ def systematic(optics: Optics, fused: Fused, factors: Floats, clock_bounds_s: Fl
         monomials = np.concatenate([place[_FIRST] * place[_SECOND], place, np.ones((1, place.shape[1]))])
         variance = variance + optics.pose_doubt.T @ monomials
     spread = normal_matrices(optics, factors * (fused.weight * fused.weight * variance))
-    inverse = np.linalg.inv(fused.information + np.eye(3))
+    inverse = np.linalg.inv(fused.information + _EYE)
     return np.asarray(inverse @ spread @ inverse)

@@ -6,7 +6,7 @@ Heads are blurred before anything else is drawn, and before a picture leaves thi
 from recognition.viewing.footage import Footage, read_footage
 from recognition.viewing.layout import foxglove_layout
 from recognition.viewing.render import Picture, Rendering, RenderOptions
-from recognition.viewing.video import Codec, VideoWriter
+from recognition.viewing.video import Codec, VideoWriter, encoder_of
 
 __all__ = [
     "Codec",
@@ -15,6 +15,7 @@ __all__ = [
     "RenderOptions",
     "Rendering",
     "VideoWriter",
+    "encoder_of",
     "foxglove_layout",
     "read_footage",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -18,8 +18,13 @@ Image = NDArray[np.uint8]
 Color = tuple[int, int, int]
 """Blue, green, red."""
 WHITE, GREY, BLACK = (255, 255, 255), (160, 160, 160), (0, 0, 0)
-AMBER, RED = (0, 150, 230), (40, 40, 210)
+GROUND, AMBER, RED = (70, 70, 70), (0, 100, 185), (40, 40, 210)
+"""Of bands: white words stand out from each."""
 FONT = cv2.FONT_HERSHEY_SIMPLEX
+LEAST_LUMA = 150.0
+"""Of letters; the blue of an identity has 80."""
+LINE_PX, ASIDE = 17, 6
+"""Height of a line of labels, and how many lines away from its place a label may be."""
 OUTSIDE = 1.3
 """A lens model holds about as far as the image: points seen at more than this many times the angle of the image's
 corner are not drawn, since its polynomial may turn back and put them inside."""
@@ -57,12 +62,58 @@ class Shown:
 
 def text(image: Image, words: str, at: tuple[float, float], color: Color = WHITE, *, size: float = 0.45) -> None:
     """Words on a dark ground, their left lower corner at a point; kept inside of the image."""
-    (width, height), below = cv2.getTextSize(words, FONT, size, 1)
-    x = int(np.clip(at[0], 2, max(2, image.shape[1] - width - 2)))
-    y = int(np.clip(at[1], height + 2, max(height + 2, image.shape[0] - below)))
-    ground = image[y - height - 2 : y + below, x - 2 : x + width + 2]
+    left, top, right, bottom = _ground(image, words, at, size)
+    ground = image[top:bottom, left:right]
     ground //= 3
-    cv2.putText(image, words, (x, y), FONT, size, color, 1, cv2.LINE_AA)
+    below = cv2.getTextSize(words, FONT, size, 1)[1]
+    cv2.putText(image, words, (left + 2, bottom - below), FONT, size, _readable(color), 1, cv2.LINE_AA)
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """Words beside what they name."""
+
+    words: str
+    at: tuple[float, float]
+    """Where their left lower corner should be."""
+    color: Color
+    size: float = 0.45
+
+
+def write(image: Image, labels: Iterable[Label]) -> None:
+    """Write labels so that none covers another: each at the free place nearest to its own, the first ones first.
+
+    Where a crowd leaves none free within :data:`ASIDE` lines, a label is left out: what it names has its colour.
+    """
+    taken: list[tuple[int, int, int, int]] = []
+    for label in labels:
+        for lines in sorted(range(-ASIDE, ASIDE + 1), key=abs):
+            at = label.at[0], label.at[1] + lines * LINE_PX
+            place = _ground(image, label.words, at, label.size)
+            if not any(_overlap(place, other) for other in taken):
+                taken.append(place)
+                text(image, label.words, at, label.color, size=label.size)
+                break
+
+
+def _ground(image: Image, words: str, at: tuple[float, float], size: float) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of the ground of words, inside of the image."""
+    (width, height), below = cv2.getTextSize(words, FONT, size, 1)
+    x = int(max(2, min(at[0], image.shape[1] - width - 2)))
+    y = int(max(height + 2, min(at[1], image.shape[0] - below)))
+    return x - 2, y - height - 2, x + width + 2, y + below
+
+
+def _overlap(one: tuple[int, int, int, int], other: tuple[int, int, int, int]) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+
+
+def _readable(color: Color) -> Color:
+    """The colour mixed with white until it stands out from the dark ground; luma as in ITU-R BT.601."""
+    blue, green, red = color
+    luma = 0.114 * blue + 0.587 * green + 0.299 * red
+    white = float(np.clip((LEAST_LUMA - luma) / (255 - luma + 1e-9), 0.0, 1.0))
+    return round(blue + white * (255 - blue)), round(green + white * (255 - green)), round(red + white * (255 - red))
 
 
 def skeleton(image: Image, joints: Floats, color: Color, *, thickness: int = 2) -> None:
@@ -75,30 +126,31 @@ def skeleton(image: Image, joints: Floats, color: Color, *, thickness: int = 2) 
         cv2.circle(image, _whole(joint), thickness, color, -1, cv2.LINE_AA)
 
 
-def worker(image: Image, joints: Floats, track_id: int) -> None:
-    """A worker's joints (17, 2) and name."""
+def worker(image: Image, joints: Floats, track_id: int) -> Iterator[Label]:
+    """A worker's joints (17, 2); the name, unless the worker is outside of the image."""
     known = joints[known_points(joints)]
     if not len(known) or not _inside(image, known):
         return
     skeleton(image, joints, track_color(track_id))
     x, y = known[np.argmin(known[:, 1])].tolist()
-    text(image, f"worker {track_id}", (x - 20, y - 10), track_color(track_id))
+    yield Label(f"worker {track_id}", (x - 20, y - 10), track_color(track_id))
 
 
-def boxes(image: Image, shown: Shown, seen: ViewDetections, tracks: Sequence[int | None]) -> None:
-    """Objects' boxes with class and identity; those without a track in grey."""
+def boxes(image: Image, shown: Shown, seen: ViewDetections, tracks: Sequence[int | None]) -> Iterator[Label]:
+    """Objects' boxes, those without a track in grey; their classes and identities."""
     for name, xyxy, track_id in zip(seen.object_class, seen.object_xyxy, tracks, strict=True):
         corners = shown.pixels(xyxy.reshape(2, 2))
         color = GREY if track_id is None else track_color(track_id)
         cv2.rectangle(image, _whole(corners[0]), _whole(corners[1]), color, 1, cv2.LINE_AA)
-        text(image, name if track_id is None else f"{name} {track_id}", (corners[0, 0], corners[0, 1] - 3), color)
+        words = name if track_id is None else f"{name} {track_id}"
+        yield Label(words, (float(corners[0, 0]), float(corners[0, 1]) - 3), color, 0.4)
 
 
-def carried(image: Image, point: Floats, name: str, track_id: int) -> None:
-    """An object whose place (2,) is known, though this camera did not see it."""
+def carried(image: Image, point: Floats, name: str, track_id: int) -> Iterator[Label]:
+    """An object whose place (2,) is known, though this camera did not see it; its name."""
     if np.isfinite(point).all() and _inside(image, point[None]):
         cv2.drawMarker(image, _whole(point), track_color(track_id), cv2.MARKER_DIAMOND, 10, 1, cv2.LINE_AA)
-        text(image, f"{name} {track_id}", (float(point[0]) + 8, float(point[1])), track_color(track_id), size=0.4)
+        yield Label(f"{name} {track_id}", (float(point[0]) + 8, float(point[1])), track_color(track_id), 0.4)
 
 
 def band(image: Image, words: str, color: Color) -> None:

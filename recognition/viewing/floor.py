@@ -7,13 +7,13 @@ is then the reference camera's own x to the right and z, away from it, up, and s
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
 
 from recognition.observations import ObjectTrack, Scene, WorkerTrack
-from recognition.viewing.drawing import BLACK, GREY, WHITE, Image, text, track_color
+from recognition.viewing.drawing import BLACK, GREY, WHITE, Image, Label, text, track_color, write
 from rigcal.geometry import Floats, Pose
 from rigcal.rig import Rig
 
@@ -54,21 +54,20 @@ class FloorPlan:
         width, height = self._size_wh
         image = np.full((height, width, 3), _GROUND, dtype=np.uint8)
         step = self._draw_grid(image)
-        for camera, place in zip(self._rig.cameras, self._cameras, strict=True):
-            ahead = self._flat(camera.cam_from_rig.inverse().apply(np.array([0.0, 0.0, 1.0])))
-            cv2.line(image, self._at(place), self._at(place + 0.5 * _unit(ahead - place)), WHITE, 1, cv2.LINE_AA)
-            cv2.circle(image, self._at(place), 4, WHITE, -1, cv2.LINE_AA)
-            text(image, camera.id, self._beside(place), size=0.4)
+        cameras = list(self._draw_cameras(image))
         self._draw_trails(image, t_ns)
-        for thing in scene.objects if scene else ():
-            self._draw_object(image, thing)
-        for one in scene.workers if scene else ():
-            self._draw_worker(image, one)
+        objects = [label for thing in (scene.objects if scene else ()) for label in self._draw_object(image, thing)]
+        workers = [label for one in (scene.workers if scene else ()) for label in self._draw_worker(image, one)]
+        write(image, (*workers, *cameras, *objects))
         text(image, f"floor plan, grid {step:g} m" if self._rig.world_from_rig is not None
              else f"top view of {self._rig.reference}'s frame, grid {step:g} m", (6, 16), size=0.42)  # fmt: skip
         if self._rig.world_from_rig is None:
             text(image, "no floor was measured for this rig", (6, 34), GREY, size=0.38)
         return image
+
+    def pixel_of(self, point_in_rig: Floats) -> tuple[int, int]:
+        """Where a point (3,) is on the plan."""
+        return self._at(self._flat(point_in_rig))
 
     def _flat(self, points_in_rig: Floats) -> Floats:
         return np.asarray(self._from_rig.apply(points_in_rig)[..., self._axes])
@@ -125,20 +124,27 @@ class FloorPlan:
         for track_id, points in trails.items():
             cv2.polylines(image, [np.array(points, dtype=np.int32)], False, track_color(track_id), 1, cv2.LINE_AA)
 
-    def _draw_worker(self, image: Image, one: WorkerTrack) -> None:
+    def _draw_cameras(self, image: Image) -> Iterator[Label]:
+        for camera, place in zip(self._rig.cameras, self._cameras, strict=True):
+            ahead = self._flat(camera.cam_from_rig.inverse().apply(np.array([0.0, 0.0, 1.0])))
+            cv2.line(image, self._at(place), self._at(place + 0.5 * _unit(ahead - place)), WHITE, 1, cv2.LINE_AA)
+            cv2.circle(image, self._at(place), 4, WHITE, -1, cv2.LINE_AA)
+            yield Label(camera.id, self._beside(place), WHITE, 0.4)
+
+    def _draw_worker(self, image: Image, one: WorkerTrack) -> Iterator[Label]:
         place = self._place(one)
         if np.isfinite(place).all():
             cv2.circle(image, self._at(place), 6, track_color(one.track_id), -1, cv2.LINE_AA)
             cv2.circle(image, self._at(place), 6, BLACK, 1, cv2.LINE_AA)
-            text(image, f"worker {one.track_id}", self._beside(place), track_color(one.track_id), size=0.42)
+            yield Label(f"worker {one.track_id}", self._beside(place), track_color(one.track_id), 0.42)
 
-    def _draw_object(self, image: Image, thing: ObjectTrack) -> None:
+    def _draw_object(self, image: Image, thing: ObjectTrack) -> Iterator[Label]:
         place = self._flat(thing.centre_m)
         if np.isfinite(place).all():
             x, y = self._at(place)
             cv2.rectangle(image, (x - 4, y - 4), (x + 4, y + 4), track_color(thing.track_id), 1, cv2.LINE_AA)
             name = f"{thing.object_class} {thing.track_id}"
-            text(image, name, self._beside(place), track_color(thing.track_id), size=0.36)
+            yield Label(name, self._beside(place), track_color(thing.track_id), 0.38)
 
 
 def _unit(vector: Floats) -> Floats:

@@ -17,6 +17,7 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import pdist
 
 from recognition.observations import ViewDetections
 from recognition.recording.messages import known_points
@@ -30,6 +31,10 @@ AT_JOINT, AT_SHOULDERS, AT_TOP = 0.5, 1.0, 0.7
 """Radii in torsos: of the disc at each joint of the head; around the shoulders where the head is not known, which
 reaches beyond the crown whichever way somebody bends; and around the topmost joint where the shoulders are not
 either, there in lengths of what is known of the body where that is longer."""
+PER_GAP = 4.5
+"""Torsos per median gap between joints of the head: 0.11 m on a grown head seen from the front."""
+OF_BODY = 0.6
+"""The longest torso by the head as a part of a body of which shoulders and hips are known; crouching, 0.8 m across."""
 LEAST = 0.02
 """Least radius as a part of the image's height."""
 HOLD_S = 0.3
@@ -92,7 +97,8 @@ def _torso_px(joints: Floats, known: Bools, size_wh: tuple[int, int]) -> float:
     if known[SHOULDERS].all():
         guesses.append(1.3 * float(np.linalg.norm(joints[5] - joints[6])))
     if known[HEAD].sum() > 1:
-        guesses.append(2.5 * float(np.hypot(*np.ptp(joints[HEAD][known[HEAD]], axis=0))))
+        of_head = PER_GAP * float(np.median(pdist(joints[HEAD][known[HEAD]])))  # one ear elsewhere makes no giant
+        guesses.append(min(of_head, OF_BODY * extent) if has_torso else of_head)
     return max(*guesses, 2 * LEAST * size_wh[1])
 
 
@@ -143,8 +149,7 @@ def blur(image_bgr: NDArray[np.uint8], discs: Floats) -> None:
         mask = np.zeros((height, width), dtype=np.uint8)
         for x, y, radius in np.clip(known[sizes == size], -_FAR, _FAR).tolist():
             cv2.circle(mask, (round(x), round(y)), int(radius) + 1, 255, -1)
-        soft = _averaged(original, 2**size)
-        image_bgr[mask > 0] = soft[mask > 0]
+        np.copyto(image_bgr, _averaged(original, 2**size), where=mask[..., None] > 0)
 
 
 def blur_all(image_bgr: NDArray[np.uint8]) -> None:

@@ -10,10 +10,17 @@ from collections.abc import Mapping, Sequence
 from math import ceil, sqrt
 from typing import Any
 
+import numpy as np
+
 from recognition.recording.messages import RIG_FRAME, WORLD_FRAME
+from rigcal.geometry import Pose
 from rigcal.rig import Rig
 
 SCENE_PANEL, LOG_PANEL = "3D!scene", "RosOut!log"
+_FLOOR = {
+    "instanceId": "floor", "layerId": "foxglove.Grid", "label": "floor, 1 m", "visible": True, "frameId": WORLD_FRAME,
+    "size": 30, "divisions": 30, "lineWidth": 1, "color": "#666666",
+}  # fmt: skip
 
 
 def foxglove_layout(rig: Rig, video_topics: Mapping[str, str]) -> dict[str, Any]:
@@ -55,11 +62,25 @@ def _scene_panel(rig: Rig) -> dict[str, Any]:
         "followTf": WORLD_FRAME if has_world else RIG_FRAME,
         "followMode": "follow-none",
         "topics": {"/scene": {"visible": True}, "/tf": {"visible": True}, **shown},
-        "cameraState": {"perspective": True, "distance": 15.0, "phi": 55.0, "thetaOffset": 45.0},
+        "cameraState": _seen_from(rig),
     }
     if has_world:
-        panel["layers"] = {"floor": {"layerId": "foxglove.Grid", "frameId": WORLD_FRAME, "size": 20, "divisions": 20}}
+        panel["layers"] = {"floor": _FLOOR}
     return panel
+
+
+def _seen_from(rig: Rig) -> dict[str, Any]:
+    """All cameras of the rig, from above one side."""
+    places = np.array([camera.cam_from_rig.inverse().translation_m for camera in rig.cameras])
+    places = (rig.world_from_rig or Pose.identity()).apply(places)
+    low, high = places.min(axis=0), places.max(axis=0)
+    return {
+        "perspective": True,
+        "distance": max(5.0, 1.5 * float(np.linalg.norm(high - low))),
+        "phi": 55.0,
+        "thetaOffset": 45.0,
+        "targetOffset": [*((low + high) / 2)[:2].tolist(), 0.0],
+    }
 
 
 def _grid(panels: Sequence[str]) -> Any:

@@ -1,7 +1,8 @@
 """An mp4 of pictures, each shown from its own time on.
 
-H.264 without B-frames, which every player and browser shows. Which encoder there is depends on how FFmpeg was built:
-libx264 is GPL, and a site may have taken it out; mpeg4 (MPEG-4 part 2) is always there, but browsers do not show it.
+H.264 in yuv420p without B-frames, its index in front: what browsers and the players of Windows show, while it loads.
+PyAV's own wheels encode it with libx264, which is GPL and no part of this package; a build without that has libopenh264
+(BSD) at best. mpeg4 (MPEG-4 part 2) is in every build, but browsers do not show it, so it is never taken unasked.
 OpenCV's writer was the alternative: it has a fixed frame rate, and in its wheels no encoder of H.264.
 """
 
@@ -17,6 +18,7 @@ import av
 import av.codec
 import av.error
 import numpy as np
+from av.video.reformatter import ColorPrimaries, ColorRange, Colorspace, ColorTrc
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
@@ -48,10 +50,12 @@ class VideoWriter:
     """
 
     def __init__(self, path: Path, size_wh: tuple[int, int], rate: float, codec: Codec = "h264") -> None:
-        encoder = _encoder(codec)
+        encoder = encoder_of(codec)
+        if path.is_dir():
+            raise OutputError(path, got="a folder")
         self._path, self._part = path, path.with_name(f".{path.name}.part")
         try:
-            self._container = av.open(str(self._part), "w", format="mp4")
+            self._container = av.open(str(self._part), "w", format="mp4", options={"movflags": "+faststart"})
         except (OSError, av.error.FFmpegError) as error:
             raise OutputError(path, got=error.strerror or str(error)) from error
         stream = self._container.add_stream(encoder, rate=Fraction(rate).limit_denominator(1000))
@@ -61,6 +65,8 @@ class VideoWriter:
         context = stream.codec_context
         context.width, context.height = size_wh
         context.pix_fmt, context.time_base, context.max_b_frames = "yuv420p", TIME_BASE, 0
+        context.colorspace, context.color_range = Colorspace.ITU709, ColorRange.MPEG
+        context.color_primaries, context.color_trc = ColorPrimaries.BT709, ColorTrc.BT709
         context.bit_rate = 0 if encoder in _OPTIONS else BIT_RATE
         context.options = dict(_OPTIONS.get(encoder, {}))
         self._first_ns: int | None = None
@@ -85,7 +91,8 @@ class VideoWriter:
     def write(self, image_bgr: NDArray[np.uint8], t_ns: int) -> None:
         """Add a picture (H, W, 3); times in nanoseconds increase, and the first one's is where the video begins."""
         self._first_ns = t_ns if self._first_ns is None else self._first_ns
-        frame = av.VideoFrame.from_ndarray(image_bgr, format="bgr24")
+        rgb = av.VideoFrame.from_ndarray(image_bgr, format="bgr24")
+        frame = rgb.reformat(format="yuv420p", dst_colorspace=Colorspace.ITU709)
         frame.pts, frame.time_base = round((t_ns - self._first_ns) * 1e-9 / TIME_BASE), TIME_BASE
         try:
             self._container.mux(self._stream.encode(frame))
@@ -93,7 +100,12 @@ class VideoWriter:
             raise OutputError(self._path, got=failure.strerror or str(failure)) from failure
 
 
-def _encoder(codec: Codec) -> str:
+def encoder_of(codec: Codec) -> str:
+    """FFmpeg's name of what encodes; to be asked before something takes long.
+
+    Raises:
+        RecognitionError: where FFmpeg has no encoder for the codec.
+    """
     for name in ENCODERS[codec]:
         if name in av.codec.codecs_available:
             return name

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from recognition.association import claims as claims_module
+from recognition.association import leftovers as leftovers_module
 from recognition.association.claims import claim
 from recognition.association.leftovers import MOST_AT_ONCE, group
 from recognition.observations import ViewDetections
@@ -158,6 +160,17 @@ def test_scores_below_the_limits_are_not_observed():
 def test_options_outside_their_range_are_refused(name):
     with pytest.raises(OptionError, match=name):
         DetectorModel(**{name: -1.0})
+
+
+def test_how_many_points_are_compared_at_once_changes_nothing(monkeypatch):
+    joints, people, _, _ = instant(0, 8)
+    at_once = claims(joints, people), groups(people)
+    for module in (claims_module, leftovers_module):
+        monkeypatch.setattr(module, "POINTS_AT_ONCE", 1)
+    one_by_one = claims(joints, people), groups(people)
+    assert np.array_equal(at_once[0], one_by_one[0])
+    assert np.array_equal(at_once[1].members, one_by_one[1].members)
+    assert np.array_equal(at_once[1].place_m, one_by_one[1].place_m, equal_nan=True)
 
 
 def test_a_large_crowd_before_many_cameras_is_grouped_in_two_rounds():

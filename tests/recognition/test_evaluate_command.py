@@ -64,6 +64,26 @@ def test_people_read_a_table(dataset):
     assert lines[3].split()[:4] == ["0", "50", "100.0", "100.0"]
     assert lines[5].split()[:4] == ["all", "100", "100.0", "100.0"]
     assert "IDF1 100.0 %" in done.stdout
+    assert lines[-3].startswith("PCP3D: parts with (|s - s'| + |e - e'|) / 2 <= 0.5 |s - e|")
+
+
+def test_joints_that_are_not_scored_are_told(dataset, tmp_path):
+    with np.load(dataset / "data.npz") as data:
+        arrays = dict(data)
+    names = ["neck", *JOINTS[5:]]
+    joints = arrays["gt_joints"]
+    arrays["gt_joints"] = np.concatenate([joints[:, 5:7].mean(axis=1, keepdims=True), joints[:, 5:]], axis=1)
+    np.savez(tmp_path / "data.npz", **arrays)
+    (tmp_path / "dataset.json").write_text(json.dumps({"gt_joints": names}))
+    done = evaluate(tmp_path, "--rig", dataset / "s.rig.json", "--json")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert found["warnings"] == [
+        "1 of the 13 joints of the truth have no name of COCO-17 and are not scored: neck",
+        "the truth does not know these parts, and PCP3D is without them: head",
+    ]
+    assert found["pcp3d_percent"] == 100.0
+    assert found["protocol"]["PCP3D"].endswith("(Belagiannis et al. 2014)")
 
 
 def test_one_view_places_nobody_and_what_is_not_known_is_null(dataset):
@@ -96,7 +116,8 @@ def test_a_data_set_without_truth_names_the_keys(dataset, tmp_path):
     assert isinstance(done.exception, DatasetError)
     assert str(done.exception) == (
         f"this data set holds no 3D truth\n  where:    {tmp_path}/data.npz\n"
-        "  expected: gt_frame (G,), gt_person (G,), gt_joints (G, J, 3) in data.npz, or joints_m, t_s in truth.npz\n"
+        "  expected: integers gt_frame (G,) and gt_person (G,), floats gt_joints (G, J, 3) in data.npz, or "
+        "joints_m, t_s in truth.npz\n"
         "  got:      no array gt_...\n"
         "  do next:  write the truth in one of the two forms; recognition run places workers without one"
     )

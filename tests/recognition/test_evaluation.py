@@ -17,11 +17,12 @@ LIMBS = JOINTS[5:]  # the twelve that data sets without faces know
 
 
 def write_frames(folder, *, joints=LIMBS, about=None, **arrays):
-    """A multi-view data set of two workers in frames 10 to 19, without detections."""
+    """A multi-view data set of two workers in frames 10 to 19, with detections of nobody."""
     frame, person = (each.ravel() for each in np.meshgrid(np.arange(10, 20), [1, 2], indexing="ij"))
     places = np.stack([STANDING[[JOINTS.index(name) for name in joints if name in JOINTS]]] * len(frame))
     places[..., 0] += 2.0 * person[:, None]
-    given = {"gt_frame": frame, "gt_person": person, "gt_joints": places} | arrays
+    nobody = {"det_frame": np.zeros(0, int), "det_view": np.zeros(0, int), "det_kpts": np.zeros((0, 17, 3))}
+    given = {**nobody, "gt_frame": frame, "gt_person": person, "gt_joints": places} | arrays
     np.savez(folder / "data.npz", **{name: array for name, array in given.items() if array is not None})
     facts = {"name": "x", "gt_joints": list(joints)} if about is None else about
     (folder / "dataset.json").write_text(json.dumps(facts))
@@ -35,7 +36,8 @@ def write_sequence(folder, **changed):
     arrays = {"t_s": t_s, "joints_m": joints} | changed
     np.savez(folder / "truth.npz", **{name: array for name, array in arrays.items() if array is not None})
     (folder / "truth.json").write_text(json.dumps({"format": "sicsg.sequence", "epoch_s": 1_790_000_000.0}))
-    (folder / "true.rig.json").touch()
+    for name in ("true.rig.json", "cam0.mp4"):
+        (folder / name).touch()
     return folder
 
 
@@ -116,7 +118,7 @@ def test_a_run_at_other_times_than_the_truth_says_so():
         evaluate_people(instants([0, 1]), lambda _: None, truth, world_from_rig=None)
     assert str(caught.value) == (
         "the truth knows none of the instants of this run\n  expected: frames or times that both have\n"
-        "  got:      a truth of 0 frames, a run of 2 instants\n"
+        "  got:      a truth of 0 frames, a run of 2 instants, 0 to 1\n"
         "  do next:  see that gt_frame counts as det_frame does, or that the rig's clocks are those of the truth"
     )
 
@@ -126,8 +128,20 @@ def test_joints_have_the_names_that_the_data_set_gives_them(tmp_path):
     assert np.isnan(found.truth.joints_m[:, :5]).all()
     assert found.truth.joints_m[0, 5:] == pytest.approx(STANDING[5:] + [2.0, 0, 0])
     assert found.truth.frame.tolist() == sorted([*range(10, 20)] * 2)
-    assert (found.rig, found.detections) == (tmp_path / "x.rig.json", tmp_path / "data.npz")
-    assert found.capture is None
+    assert found.warnings == ()
+
+
+def test_networks_look_at_the_videos_where_there_are_no_detections(tmp_path):
+    found = open_dataset(write_frames(tmp_path))
+    assert (found.rig, found.detections, found.capture) == (tmp_path / "x.rig.json", tmp_path / "data.npz", None)
+    write_frames(tmp_path, det_frame=None, det_view=None, det_kpts=None, points_2d=np.zeros((4, 2)))
+    with pytest.raises(DatasetError, match="this data set has neither detections nor videos") as caught:
+        open_dataset(tmp_path)
+    assert caught.value.got == "gt_frame, gt_person, gt_joints, points_2d"
+    assert open_dataset(tmp_path, detections=tmp_path / "d.npz").detections == tmp_path / "d.npz"
+    (tmp_path / "cam0.mp4").touch()
+    found = open_dataset(tmp_path)
+    assert (found.detections, found.capture) == (None, tmp_path)
 
 
 def test_joints_without_names_are_coco_17_and_others_are_left_out(tmp_path):
@@ -138,16 +152,124 @@ def test_joints_without_names_are_coco_17_and_others_are_left_out(tmp_path):
     joints = np.concatenate([np.zeros((20, 1, 3)), seventeen[:, 5:]], axis=1)
     found = open_dataset(write_frames(tmp_path, about={"gt_joints": names}, gt_joints=joints))
     assert np.array_equal(found.truth.joints_m[:, 5:], seventeen[:, 5:])
+    assert found.warnings == (
+        "1 of the 13 joints of the truth have no name of COCO-17 and are not scored: top_head",
+        "20 joints of the truth at exactly 0, 0, 0 were taken as not known, which NaN would say",
+    )
+
+
+@pytest.mark.parametrize(
+    ("names", "got"),
+    [
+        (None, "no names"),
+        (14, 14),
+        (["left_knee"] * 14, ["left_knee"] * 14),
+        ([f"joint {n}" for n in range(14)], [f"joint {n}" for n in range(14)]),
+        (["left_knee"], ["left_knee"]),
+    ],
+)
+def test_joints_that_are_not_named_say_how_to_name_them(tmp_path, names, got):
+    write_frames(tmp_path, about={"gt_joints": names}, gt_joints=np.zeros((20, 14, 3)))
+    with pytest.raises(DatasetError) as caught:
+        open_dataset(tmp_path)
+    assert str(caught.value) == (
+        f"gt_joints does not name the joints of the truth\n  where:    {tmp_path}/dataset.json\n"
+        f"  expected: a list of 14 different names, COCO-17's among them: {', '.join(JOINTS)}\n  got:      {got}\n"
+        '  do next:  add "gt_joints": [14 names, in the order of the truth] to dataset.json'
+    )
+
+
+SEVENTEEN = np.stack([STANDING + [3.0 * n, 0, 0] for n in range(20)])
+NAME_THEM = "name the joints in the order of the truth, as gt_joints in dataset.json, and give metres"
+H36M = [11, 12, 14, 16, 11, 13, 15, 5, 6, 0, 1, 5, 7, 9, 6, 8, 10]  # another order of seventeen joints
+
+
+@pytest.mark.parametrize(
+    ("joints", "got", "do_next"),
+    [
+        (1000 * SEVENTEEN, "as in millimetres", "write it in metres: divide by 1000"),
+        (100 * SEVENTEEN, "as in centimetres", "write it in metres: divide by 100"),
+        (SEVENTEEN / 1000, "from", NAME_THEM),
+        (SEVENTEEN[:, H36M], "from right_shoulder to right_elbow", NAME_THEM),
+    ],
+)
+def test_bodies_of_inhuman_size_are_no_truth(tmp_path, joints, got, do_next):
+    with pytest.raises(DatasetError) as caught:
+        open_dataset(write_frames(tmp_path, about={}, gt_joints=joints))
+    assert caught.value.what == "limbs of the truth have no human length"
+    assert got in caught.value.got
+    assert caught.value.do_next == do_next
+
+
+def test_bodies_of_inhuman_size_are_no_truth_of_a_sequence(tmp_path):
+    with pytest.raises(DatasetError, match="limbs of the truth have no human length"):
+        open_dataset(write_sequence(tmp_path, joints_m=1000 * np.stack([STANDING[None]] * 3)))
+
+
+def test_a_child_and_a_truth_without_limbs_are_believed(tmp_path):
+    found = open_dataset(write_frames(tmp_path, about={}, gt_joints=0.5 * SEVENTEEN))
+    assert len(found.truth.frame) == 20
+    faces = np.where(np.arange(17)[:, None] < 5, SEVENTEEN, np.nan)
+    assert len(open_dataset(write_frames(tmp_path, about={}, gt_joints=faces)).truth.frame) == 20
+
+
+def test_a_worker_is_in_a_frame_once(tmp_path):
+    with pytest.raises(DatasetError) as caught:
+        open_dataset(write_frames(tmp_path, gt_person=np.full(20, 3)))
+    assert str(caught.value) == (
+        f"the truth has a worker twice in one frame\n  where:    {tmp_path}/data.npz\n"
+        "  expected: one row for each worker and frame\n  got:      worker 3 in frame 10 again in row 1\n"
+        "  do next:  give every worker a number of its own in gt_person"
+    )
+
+
+def test_a_truth_in_another_frame_than_the_tracks_is_told():
+    world_from_rig = Pose.from_quat_wxyz([0.8, 0.0, 0.6, 0.0], [1.0, 2.0, 3.0])
+    place = standing_at(lambda _: 0.0)
+    truth = Truth.of(np.stack([STANDING[None]] * 4))
+
+    def told(truth, world_from_rig):
+        return evaluate_people(instants([0, 1, 2, 3]), place, truth, world_from_rig=world_from_rig).warnings
+
+    assert told(truth, None) == ()
+    (text,) = told(truth, world_from_rig)
+    assert text.startswith("the tracks are ")
+    assert text.endswith("; it is in the rig frame: apply the rig file's world_from_rig to it")
+    away = Truth.of(np.stack([STANDING[None] + [2.0, 0, 0]] * 4))
+    assert told(away, None) == (
+        "the tracks are 2 m from the truth (median), which must be in metres in the rig frame, as the rig file has no "
+        "world",
+    )
+    assert told(away, Pose.identity()) == (
+        "the tracks are 2 m from the truth (median), which must be in metres in the world of the rig file",
+    )
+
+
+def test_what_the_truth_knows_beyond_the_run_or_not_at_all_is_told():
+    bodies = np.where(np.arange(17)[:, None] < 5, np.nan, STANDING)
+    truth = Truth.of(np.stack([bodies[None]] * 6))
+    found = evaluate_people(instants([0, 1, 2, 3]), standing_at(lambda _: 0.0), truth, world_from_rig=None)
+    assert found.warnings == (
+        "2 of the truth's 6 frames, 4 to 5, are not of this run, 0 to 3: whoever is there counts as missed",
+        "the truth does not know these parts, and PCP3D is without them: head",
+    )
 
 
 def test_the_truth_is_known_by_its_form(tmp_path):
     joints = np.stack([STANDING] * 20)
-    person = np.zeros(20, dtype=np.int16)
+    person = np.arange(20, dtype=np.int16)
     found = open_dataset(
         write_frames(tmp_path, about={}, gt_person=None, gt_joints=None, gt_actor=person, gt_xyz=joints)
     )
     assert np.array_equal(found.truth.joints_m, joints)
-    assert set(found.truth.person.tolist()) == {0}
+    assert np.array_equal(found.truth.person, person)
+
+
+def test_the_documented_names_come_before_the_form(tmp_path):
+    joints = np.stack([STANDING] * 20)
+    found = open_dataset(write_frames(tmp_path, about={}, gt_joints=joints, gt_age=np.arange(20), gt_speed=joints + 1))
+    assert np.array_equal(found.truth.joints_m, joints)
+    assert set(found.truth.person.tolist()) == {1, 2}
 
 
 @pytest.mark.parametrize(
@@ -199,7 +321,8 @@ def rewrite(name, text):
         ({"gt_joints": None}, None, "this data set holds no 3D truth", "gt_frame (20,) int64, gt_person (20,) int64"),
         ({"gt_frame": None, "gt_person": None, "gt_joints": None}, None, "this data set holds no 3D truth",
          "no array gt_..."),
-        ({"gt_actor": np.zeros(20, int)}, None, "this data set holds no 3D truth", "gt_actor (20,) int64"),
+        ({"gt_person": None, "gt_actor": np.zeros(20, int), "gt_age": np.zeros(20, int)}, None,
+         "this data set holds no 3D truth", "gt_actor (20,) int64"),
         ({"gt_person": np.zeros(3, int)}, None, "the arrays of the truth do not fit each other", "gt_person (3,)"),
         ({"gt_frame": np.zeros(20)}, None, "the arrays of the truth do not fit each other", "gt_frame (20,) float64"),
         ({"gt_joints": np.zeros((20, 3, 3))}, None, "gt_joints does not name the joints of the truth", "left_shoulder"),

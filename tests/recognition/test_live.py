@@ -117,8 +117,8 @@ def test_a_camera_that_is_unplugged_and_returns_degrades_the_results_meanwhile(t
     reasons = {scene.reason for scene in run.scenes if scene.status == "DEGRADED"}
     assert "2 of 3 cameras (cam1: lost: the camera hung up: connection reset)" in reasons
     assert [run.recorded(camera) for camera in range(3)] == [30, 20, 30]
-    assert "error: cam1: the camera is lost: the camera hung up: connection reset" in run.said
-    assert "warning: cam1: the camera is back" in run.said
+    assert "error: cam1: the camera is lost: the camera hung up: connection reset; look at its cable" in run.said
+    assert "warning: cam1: the camera is back after 0.1 s" in run.said
     assert run.status.cameras[1].interruptions == 1
 
 
@@ -189,10 +189,12 @@ def test_silence_is_a_result_too(tmp_path, monkeypatch):
     assert run.statuses == ["NOT MONITORED"]
     assert 2 <= len(run.scenes) <= 5
     assert run.scenes[0].cameras == 0
+    assert [one.lag_s for one in run.status.cameras] == [None, None]
 
 
 def test_cameras_without_a_clock_are_recorded_and_not_monitored(tmp_path, monkeypatch):
     monkeypatch.setattr(live_feed, "SILENCE_S", 0.05)
+    monkeypatch.setattr(live_feed, "_POLL_S", 0.02)
     run = Run(tmp_path, cameras_of(2), count=2, frames=10, clocks=False)
     assert run.statuses == ["NOT MONITORED"]
     assert run.scenes[0].reason.startswith("0 of 2 cameras (cam0: its clock was never measured; measure it: rigcal")
@@ -214,6 +216,7 @@ def test_a_run_that_is_stopped_has_a_finished_recording(tmp_path):
     assert run.result.stopped
     assert [run.recorded(one.camera) for one in run.cameras] == [one.sent for one in run.cameras]
     assert run.status.sets == run.status.looked_at + run.status.skipped
+    assert [one.fault for one in run.status.cameras] == [None] * 3  # that a run ends is no fault of theirs
     assert run.recording.exists()
 
 

@@ -1,5 +1,7 @@
 """``recognition run`` on streams: a paced capture from the command line to its recording, and what it refuses."""
 
+import errno
+import io
 import json
 import os
 import signal
@@ -10,11 +12,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from recognition.cli import app
+from recognition.cli import _show, app
 from recognition.cli._amounts import seconds, size_bytes
 from recognition.cli._signals import stop_on_signal
-from recognition.errors import SourceError
-from recognition.recording import check_recording, read_metadata, recording_files
+from recognition.errors import RecordingError, SourceError
+from recognition.live import Entry
+from recognition.recording import check_recording, iter_messages, read_metadata, recording_files
+from recognition.status import LiveStatus
 from recognition.synthetic import semicircle_rig
 from rigcal.errors import OptionError, RigcalError
 from rigcal.rigfile import document_of_rig, write_rigfile
@@ -58,6 +62,8 @@ def test_a_capture_runs_at_its_own_pace_and_is_recorded_whole(site, tmp_path):
     assert [one["recorded"] for one in live["cameras"]] == [10, 10]
     assert live["sets"] == live["looked_at"] + live["skipped"] > 0
     assert sum(told["monitoring"].values()) == told["instants"]
+    assert told["monitoring_s"]["MONITORED"] > 0
+    assert told["unmonitored"] is None
     assert told["rule"] == {"instants": "file times", "pace": "realtime"}
     assert (tmp_path / "p.npz").exists()
     assert check_recording(tmp_path / "r.mcap").ok
@@ -74,6 +80,81 @@ def test_segments_and_the_papers_method_are_chosen_on_the_command_line(site, tmp
     assert [path.name for path in recording_files(tmp_path / "r.mcap")] == ["r.000.mcap"]
     assert "cam0: 10 of 10 frames recorded" in done.stdout
     assert read_metadata(tmp_path / "r.000.mcap")["association"] == "paper"
+
+
+@pytest.mark.parametrize("pace", [(), ("--realtime",)])
+def test_a_run_that_monitored_nothing_fails_and_says_why(site, tmp_path, pace):
+    done = command(
+        site / "s.rig.json", "--source", site / "capture", "--views", "cam0", *pace, "-o", tmp_path / "r.mcap"
+    )
+    assert done.exit_code == 1
+    reason = "1 of 1 cameras" if pace else "two cameras took part in no instant"
+    assert f"NOTHING WAS MONITORED: {reason}" in done.stdout.splitlines()
+    assert ", 0 of them in 3D (" in done.stdout
+    assert check_recording(tmp_path / "r.mcap").ok
+    if pace:
+        assert "error: NOT MONITORED: 1 of 1 cameras" in done.stderr.splitlines()
+        said = [message.message.message for message in iter_messages(tmp_path / "r.mcap", ["/log"])]
+        assert "NOT MONITORED: 1 of 1 cameras" in said
+
+
+def test_a_run_that_was_not_recorded_to_its_end_fails_and_says_why(site, tmp_path):
+    done = command(
+        site / "s.rig.json", "--source", site / "capture", "--max-disk", "0.001MB", "--keep", "oldest",
+        "-o", tmp_path / "r.mcap",
+    )  # fmt: skip
+    assert done.exit_code == 3, done.output
+    assert "NOT RECORDED TO THE END: its 0.001 MB are used up" in done.stdout
+    assert check_recording(tmp_path / "r.mcap").ok
+
+
+LIVE = ("--source", "rtsp://127.0.0.1:1/a", "--source", "rtsp://127.0.0.1:1/b")
+
+
+def test_what_would_fail_at_the_end_is_refused_at_the_start(site, tmp_path):
+    with pytest.raises(RecordingError, match="a folder has the name that the recording is to have"):
+        command(site / "s.rig.json", "--source", site / "capture", "-o", tmp_path)
+    (tmp_path / "r.mcap").write_bytes(b"of yesterday")
+    with pytest.raises(RecordingError) as caught:
+        command(site / "s.rig.json", *LIVE, "-o", tmp_path / "r.mcap")
+    assert str(caught.value) == (
+        "a recording of this name is there already\n"
+        f"  where:    {tmp_path / 'r.mcap'}\n"
+        "  expected: no such file, as what live cameras showed cannot be recorded again\n"
+        "  got:      0.0 MB\n"
+        "  do next:  give another name with -o, or move it away: nothing is overwritten"
+    )
+    assert (tmp_path / "r.mcap").read_bytes() == b"of yesterday"
+    with pytest.raises(OptionError, match="--segment as a time such as 10min, which --keep newest needs"):
+        command(site / "s.rig.json", *LIVE, "-o", tmp_path / "s.mcap", "--keep", "newest")
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_nobody_has_to_listen(monkeypatch, is_terminal):
+    """A log file on a full disk, a reader that went away or a terminal that was closed ends no run."""
+
+    class Terminal(io.StringIO):
+        is_gone = False
+
+        def isatty(self):
+            return is_terminal
+
+        def write(self, text):
+            if self.is_gone:
+                raise OSError(errno.EIO, "Input/output error")
+            return super().write(text)
+
+    class Feed:
+        status = LiveStatus(0.0, (), 0, 0, 0, 0, 0.0, None, None, 0)
+
+    terminal, feed = Terminal(), Feed()
+    monkeypatch.setattr("sys.stderr", terminal)
+    with _show.live_status(feed):
+        feed.announce(Entry(0, "error", "NOT MONITORED: 0 of 2 cameras"))
+        assert "error: NOT MONITORED: 0 of 2 cameras" in terminal.getvalue()
+        terminal.is_gone = True
+        feed.announce(Entry(1, "warning", "monitored from here on"))
+    assert "monitored from here on" not in terminal.getvalue()
 
 
 @pytest.mark.parametrize(
@@ -103,7 +184,14 @@ def test_times_and_sizes_have_units():
         size_bytes("--max-disk", "10 min")
 
 
-@pytest.mark.parametrize(("number", "who"), [(signal.SIGINT, "the keyboard"), (signal.SIGTERM, "the system (SIGTERM)")])
+@pytest.mark.parametrize(
+    ("number", "who"),
+    [
+        (signal.SIGINT, "the keyboard"),
+        (signal.SIGTERM, "the system (SIGTERM)"),
+        (signal.SIGHUP, "the end of its terminal (SIGHUP)"),
+    ],
+)
 def test_signals_are_noted_and_their_handlers_restored(number, who):
     before = signal.getsignal(number)
     noted = threading.Event()
@@ -114,3 +202,14 @@ def test_signals_are_noted_and_their_handlers_restored(number, who):
         assert stop()
         assert stop.by == who
     assert signal.getsignal(number) is before
+
+
+def test_a_run_that_is_to_outlive_its_terminal_does():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup leaves it
+    try:
+        with stop_on_signal() as stop:
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert not stop()
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)

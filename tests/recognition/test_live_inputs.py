@@ -69,8 +69,10 @@ def test_a_site_file_without_all_of_them_says_which():
 @pytest.mark.parametrize(
     ("given", "got"),
     [
+        (URLS[:1], "1 address"),
         (URLS[:2], "2 addresses"),
-        ([f"cam0={URLS[0]}", f"cam1={URLS[1]}", f"cam0={URLS[2]}"], "3 addresses"),
+        ([f"cam0={URLS[0]}", f"cam1={URLS[1]}", f"cam0={URLS[2]}"], "3 addresses, for cam0, cam1, cam0"),
+        ([f"cam0={URLS[0]}", f"cam1={URLS[1]}", f"cam7={URLS[2]}"], "3 addresses, for cam0, cam1, cam7"),
         (["one", "two"], "one two"),
     ],
 )
@@ -86,6 +88,19 @@ def test_sources_that_do_not_suit_the_rig_are_refused(given, got):
         "  do next:  give --source once for each camera; leave cameras out with --views"
     )
     assert "secret" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["run.mcap", "run.mcap.part"])
+def test_a_recording_is_not_looked_at_anew_but_replayed(name):
+    with pytest.raises(SourceError) as caught:
+        chosen_sources([name], RIG, ALL, None)
+    assert str(caught.value) == (
+        "a recording is no source of frames to look at anew\n"
+        f"  where:    {name}\n"
+        "  expected: a capture folder, or the addresses of live cameras\n"
+        "  got:      an MCAP recording, which holds what the networks saw in its frames\n"
+        f"  do next:  place that again: recognition replay {name}"
+    )
 
 
 def test_nothing_that_is_recorded_of_live_cameras_holds_credentials():

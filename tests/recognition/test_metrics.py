@@ -6,7 +6,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from recognition.metrics import AGREE_M, FOUND_M, PARTS, Truth, correct_parts, correspondences, idf1, score
+from recognition.metrics import AGREE_M, FOUND_M, PARTS, Truth, correct_parts, correspondences, idf1, nearest_m, score
 from recognition.poses import Poses
 from recognition.synthetic import walking
 
@@ -161,6 +161,14 @@ def test_tracks_at_other_instants_than_the_truths_are_passed_over():
     every = poses(*((frame, 1 if frame == 0 or frame == 5 else 2, STANDING) for frame in range(8)))
     scores = score(truth(*rows), every, period_s=1.0)
     assert (scores.precision, scores.idf1, scores.switches) == (1.0, 1.0, 0)
+
+
+def test_the_nearest_track_of_a_worker_is_that_of_its_instant():
+    away = nearest_m(
+        truth((0, 0, STANDING), (0, 1, at(9.0)), (1, 0, STANDING)),
+        poses((0, 1, at(1.0)), (0, 2, at(7.5)), (2, 1, STANDING)),
+    )
+    assert away.tolist() == pytest.approx([1.0, 1.5, np.inf])
 
 
 def test_idf1_is_the_best_of_all_pairings_of_workers_and_tracks():

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recognition.monitoring import ClockWatch, clock_faults, judged
-from recognition.observations import FrameSet
+from recognition.monitoring import ClockWatch, Coverage, clock_faults, judged
+from recognition.observations import FrameSet, Scene
 from recognition.synthetic import semicircle_rig
 from rigcal.rig import ClockModel
 
@@ -38,6 +38,29 @@ def test_one_camera_monitors_nothing():
 
 def test_a_rig_of_which_one_camera_is_wanted_is_not_monitored():
     assert judged(IDS, (True, False, False), frame_set(5, None, None)).status == "NOT MONITORED"
+
+
+def test_where_monitoring_ends_and_begins_is_said_once_and_the_time_is_counted():
+    coverage = Coverage()
+    course = [
+        ("NOT MONITORED", "0 of 3 cameras"), ("NOT MONITORED", "1 of 3 cameras"), ("DEGRADED", "2 of 3 cameras"),
+        ("MONITORED", ""), ("DEGRADED", "2 of 3 cameras"), ("NOT MONITORED", "1 of 3 cameras"), ("MONITORED", ""),
+    ]  # fmt: skip
+    scenes = [Scene(n, n * 500 * MS, (), (), status, reason) for n, (status, reason) in enumerate(course)]
+    assert [coverage.see(scene) for scene in scenes] == [
+        "NOT MONITORED: 0 of 3 cameras",
+        None,
+        "monitored from here on, after 1.0 s: DEGRADED, 2 of 3 cameras",
+        None,
+        None,
+        "NOT MONITORED: 1 of 3 cameras",
+        "monitored from here on, after 0.5 s",
+    ]
+    assert coverage.seconds == {"NOT MONITORED": 1.5, "DEGRADED": 1.0, "MONITORED": 0.5}
+
+
+def test_what_is_monitored_from_the_start_is_not_said():
+    assert Coverage().see(Scene(0, 0, (), ())) is None
 
 
 def clock(age_s=60.0, bound_s=1e-4, drift_bound_ppm=0.1, method="probe"):

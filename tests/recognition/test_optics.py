@@ -1,11 +1,12 @@
 """The rig's numbers against the camera models, against plain geometry, and against drawn errors."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 
-from recognition.optics import EXACT_PX, Lens, Optics, midpoints
+from recognition.optics import EXACT_PX, Lens, Optics, midpoints, pairs
 from recognition.synthetic import semicircle_rig
 from rigcal.camera import Camera
 from rigcal.geometry import Pose
@@ -51,6 +52,14 @@ def test_the_normal_basis_gives_the_normal_equations_of_the_linear_transform():
     got = OPTICS.normal_basis @ factors.reshape(-1)
     np.testing.assert_allclose(got[:6], (A.T @ A)[np.triu_indices(3)], atol=1e-12)
     np.testing.assert_allclose(got[6:], A.T @ b, atol=1e-12)
+
+
+def test_pairs_are_every_two_once():
+    first, second = pairs(4)
+    assert list(zip(first.tolist(), second.tolist(), strict=True)) == list(combinations(range(4), 2))
+    assert not first.flags.writeable
+    assert not second.flags.writeable
+    assert len(pairs(1)[0]) == len(pairs(0)[0]) == 0
 
 
 def test_midpoints_halve_the_shortest_way_between_two_rays():

@@ -105,6 +105,16 @@ def test_room_is_left_for_the_rest_of_the_system(tmp_path, watchful, monkeypatch
     assert check_recording(done.path).ok
 
 
+def test_the_disk_is_asked_after_so_many_bytes_and_not_with_every_frame(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(rotation_module, "free_on_disk", lambda _path: asked.append(len(asked)) or GB)
+    monkeypatch.setattr(rotation_module, "LOOK_S", 1e9)
+    monkeypatch.setattr(rotation_module, "LOOK_BYTES", 5 * FRAME_BYTES)
+    with recorder(tmp_path / "run.mcap") as writing:
+        looks = [write(writing, k, 1) or len(asked) for k in range(20)]
+    assert looks == [1] * 5 + [2] * 5 + [3] * 5 + [4] * 5
+
+
 def test_newest_without_a_finished_segment_ends_like_oldest(tmp_path, watchful):
     budget = DiskBudget(max_bytes=300_000, keep="newest")
     with recorder(tmp_path / "run.mcap", segment_s=100, budget=budget) as writing:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import re
 import signal
+import subprocess
+import sys
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -15,10 +15,13 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+sys.path.insert(0, str(Path(__file__).parent))
+import killed_recorders
+from killed_recorders import IMAGE, T0, recorder
+
 from recognition.errors import RecordingError
 from recognition.observations import FrameSet, ViewFrame
 from recognition.recording import (
-    Recorder,
     check_recording,
     check_sequence,
     iter_messages,
@@ -29,23 +32,6 @@ from recognition.recording import (
 from recognition.recording import recover as recover_module
 from recognition.recording.container import mapped
 from recognition.recording.scan import scan
-from rigcal.camera import Camera
-from rigcal.geometry import Pose
-from rigcal.rig import Rig, RigCamera
-
-T0 = 1_800_000_000_000_000_000
-IMAGE = np.zeros((4, 4, 3), np.uint8)
-
-
-def recorder(path: Path, **options) -> Recorder:
-    lens = [90, 90, 32, 24, 0, 0, 0, 0]
-    poses = {"cam0": Pose.identity(), "cam1": Pose.from_rvec([0, 0.3, 0], [-1, 0, 0])}
-    cameras = tuple(RigCamera(name, Camera("opencv4", (64, 48), lens), pose) for name, pose in poses.items())
-    document: dict = {"cameras": [{"id": "cam0"}, {"id": "cam1"}]}
-    text = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    document["digest"] = "sha256:" + hashlib.sha256(text.encode()).hexdigest()
-    rig = Rig("hall", cameras, "cam0", "PASS", digest=document["digest"])
-    return Recorder(path, rig=rig, rig_json=json.dumps(document).encode(), metadata={"seed": "5"}, **options)
 
 
 @pytest.fixture(scope="module")
@@ -271,49 +257,28 @@ def test_a_copy_that_cannot_be_read_back_is_not_published(sound, tmp_path, monke
     assert not list(tmp_path.iterdir())
 
 
-FRAME_NS = 20_000_000
 KILLED = 20
-
-
-def record_until_killed(path: Path, log: Path, seed: int, segment_s: float | None) -> None:
-    """50 frames a second of 0-2 kB; the log says when each was handed over."""
-    random = np.random.default_rng(seed)
-    with recorder(path, segment_s=segment_s) as writing, log.open("w", buffering=1) as handed_over:
-        start = time.monotonic()
-        for k in range(100_000):
-            time.sleep(max(0.0, start + k * FRAME_NS * 1e-9 - time.monotonic()))
-            data = random.integers(0, 256, int(random.integers(1, 2_000)), dtype=np.uint8).tobytes()
-            t_ns = T0 + k * FRAME_NS
-            writing.write_frames(FrameSet(k, t_ns, (ViewFrame(k, t_ns, IMAGE, data, "png"), None)))
-            handed_over.write(f"{k} {time.monotonic()}\n")
-
-
-def forked(path: Path, log: Path, seed: int, segment_s: float | None) -> int:
-    """The recorder in a process of its own, which never comes back from here."""
-    pid = os.fork()
-    if pid == 0:
-        try:
-            record_until_killed(path, log, seed, segment_s)
-        finally:
-            os._exit(1)
-    return pid
 
 
 def test_recorders_killed_at_twenty_moments_lose_no_more_than_their_last_second(tmp_path):
     """Every other one records segments; each is killed at a moment of its own, seeded, 0.2 to 2.2 s after it began."""
     random = np.random.default_rng(2026)
     names = [(tmp_path / f"run{seed}.mcap", tmp_path / f"run{seed}.log") for seed in range(KILLED)]
-    pids = [forked(path, log, seed, 0.8 if seed % 2 else None) for seed, (path, log) in enumerate(names)]
-    while not all(log.exists() and log.stat().st_size for _, log in names):
-        time.sleep(0.01)
-    killed_at, before_s = {}, 0.0
-    for after_s, number in sorted(zip(random.uniform(0.2, 2.2, KILLED).tolist(), range(KILLED), strict=True)):
-        time.sleep(after_s - before_s)
-        before_s = after_s
-        os.kill(pids[number], signal.SIGKILL)
-        killed_at[number] = time.monotonic()
+    program = [sys.executable, str(Path(killed_recorders.__file__)), str(tmp_path), str(KILLED)]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as recorders:
+        pids = [int(word) for word in recorders.stdout.readline().split()]
+        deadline_s = time.monotonic() + 30.0
+        while not all(log.exists() and log.stat().st_size for _, log in names):
+            assert time.monotonic() < deadline_s, sorted(path.name for path in tmp_path.iterdir())
+            time.sleep(0.01)
+        killed_at, before_s = {}, 0.0
+        for after_s, number in sorted(zip(random.uniform(0.2, 2.2, KILLED).tolist(), range(KILLED), strict=True)):
+            time.sleep(after_s - before_s)
+            before_s = after_s
+            os.kill(pids[number], signal.SIGKILL)
+            killed_at[number] = time.monotonic()
+        assert recorders.stdout.readline().split() == [str(-signal.SIGKILL)] * KILLED
     for number, (path, log) in enumerate(names):
-        assert os.waitpid(pids[number], 0)[1] == signal.SIGKILL
         lines = [re.fullmatch(r"(\d+) (\d+\.\d+)", line) for line in log.read_text().splitlines()]
         due = {int(match[1]) for match in lines if match and float(match[2]) < killed_at[number] - 1.0}
         kept = kept_frames(path)
@@ -334,4 +299,4 @@ def kept_frames(path: Path) -> list[int]:
     files = [file for file in recording_files(path) if file.exists()]
     assert not files or check_sequence(files).ok
     messages = [m for file in files for m in iter_messages(file, ["/cam0/image"])]
-    return [(message.publish_ns - T0) // FRAME_NS for message in messages]
+    return [(message.publish_ns - T0) // killed_recorders.FRAME_NS for message in messages]

@@ -226,6 +226,9 @@ def test_calibration_and_transforms_come_first_and_then_once_a_second(tmp_path):
     assert [m.topic for m in messages[:4]] == ["/cam0/calibration", "/cam1/calibration", "/tf", "/log"]
     for topic in ("/cam0/calibration", "/cam1/calibration", "/tf"):
         assert [m.log_ns - T0 for m in messages if m.topic == topic] == [0, 10**9, 2 * 10**9, 3 * 10**9]
+    for message in messages[:3] + messages[-4:-1]:
+        placed = message.message.transforms if message.topic == "/tf" else [message.message]
+        assert {stamp_ns(one.timestamp) for one in placed} == {message.publish_ns}
 
 
 def test_annotations_skip_unknown_joints_and_count_pixels_from_the_corner():
@@ -272,7 +275,7 @@ def test_the_scene_stands_in_the_world_where_there_is_one():
     joints[5], joints[7] = (1, 2, 3), (1, 2.5, 3)
     scene = Scene(0, T0, (worker(4, joints),), (ObjectTrack(9, "hardhat", np.array([0.5, 0, 2]), 3, np.zeros(2, int)),))
     for world in (WORLD_FROM_RIG, None):
-        person, thing = SceneDrawer(rig_and_json(world)[0]).update(scene).entities
+        _, person, thing = SceneDrawer(rig_and_json(world)[0]).update(scene).entities
         moved = joints if world is None else joints @ world.rotation.T + world.translation_m
         assert {person.frame_id, thing.frame_id} == {"rig" if world is None else "world"}
         spheres = [[s.pose.position.x, s.pose.position.y, s.pose.position.z] for s in person.spheres]
@@ -290,7 +293,7 @@ def test_what_vanished_from_the_scene_is_deleted_once():
         for k, workers in enumerate([{1: known, 2: known}, {1: known, 2: unknown}, {1: known}, {2: known}])
     ]
     assert [[e.id for e in u.entities] for u in updates] == [
-        ["worker/1", "worker/2"], ["worker/1"], ["worker/1"], ["worker/2"]
+        ["status", "worker/1", "worker/2"], ["status", "worker/1"], ["status", "worker/1"], ["status", "worker/2"]
     ]  # fmt: skip
     assert [[d.id for d in u.deletions] for u in updates] == [[], ["worker/2"], [], ["worker/1"]]
     assert stamp_ns(updates[1].deletions[0].timestamp) == T0 + 1

@@ -95,6 +95,9 @@ def test_a_replay_has_the_tracks_of_the_run_to_the_last_bit(site, tmp_path, meth
     assert (again.instants, again.incomplete) == (result.instants, 0)
     assert again.worker_instants == dict(result.worker_instants)
     assert again.object_instants == dict(result.object_instants)
+    counted = replay(opened, recorded_options(opened), keep_scenes=False)
+    assert counted.scenes == ()
+    assert replace(counted, scenes=again.scenes) == again
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -163,8 +166,12 @@ def test_the_command_writes_the_poses_of_the_run(site, tmp_path):
         assert sorted(one) == sorted(other)
         for name in one:
             assert one[name].tobytes() == other[name].tobytes(), name
-    said = CliRunner().invoke(app, ["replay", str(tmp_path), "--association", "tracked"]).output
-    assert said.startswith(f"{FRAMES} instants, {FRAMES} of them in 3D, rig IMPORTED")
+    assert told["how"] == "placed as the run did, by the method paper"
+    said = CliRunner().invoke(app, ["replay", str(tmp_path), "--association", "tracked", "--smooth"]).output
+    assert said.splitlines()[0] == (
+        f"{FRAMES} instants, {FRAMES} of them in 3D, rig IMPORTED; placed by the method tracked, not the run's paper, "
+        "smoothed"
+    )
 
 
 def test_a_recording_that_does_not_say_how_it_was_placed_is_placed_by_default_and_it_is_said(site, tmp_path):

@@ -46,6 +46,22 @@ def test_the_table_shows_each_camera_and_the_state_of_the_run():
     assert "no result yet" in drawn(table(RUN, None))
 
 
+def test_the_table_fits_a_narrow_terminal():
+    text = drawn(table(RUN, SEEN), width=55)
+    assert max(len(row) for row in text.splitlines()) <= 55
+    headline = text.splitlines()[:2]
+    assert headline[1].startswith("1 of 2 cameras (cam1: lost: [Errno")
+    assert headline[1].endswith("…")  # whole in the row of the camera
+    state = " ".join(row.split("│")[-2].strip() for row in text.splitlines() if "│" in row)
+    assert state == "ok lost: [Errno 113] no route to host"
+
+
+def test_a_recording_that_ended_is_said_as_long_as_the_run_lasts():
+    ended = replace(RUN, unrecorded_why="its 3 MB are used up")
+    assert "; NOT RECORDED (its 3 MB are used up); 19.6 sets/s" in line(ended, SEEN)
+    assert drawn(table(ended, SEEN)).splitlines()[-1] == " NOT RECORDED   its 3 MB are used up"
+
+
 def test_what_is_not_monitored_is_loud():
     console = Console(file=io.StringIO(), width=120, force_terminal=True, color_system="standard")
     console.print(table(RUN, Seen("NOT MONITORED", "0 of 2 cameras", 0, 0)))
@@ -57,8 +73,10 @@ def test_the_summary_counts_what_was_lost():
         "200 of 300 frame sets looked at in 10 s, capture to track 71 ms (95 %: 123); 100 skipped because inference "
         "was late",
         "  cam0: 300 of 300 frames recorded",
-        "  cam1: 190 of 200 frames recorded, 10 unrecorded, 5 undecoded, 1 corrupt, 2 late, 3 interruptions",
+        "  cam1: 190 of 200 frames recorded, 10 unrecorded, 5 undecoded, 1 corrupt, 2 late, interrupted 3 times",
     ]
+    once = replace(RUN, cameras=(replace(FINE, interruptions=1), replace(FINE, interruptions=2)))
+    assert [text.rpartition(", ")[2] for text in summary(once)][1:] == ["interrupted once", "interrupted twice"]
 
 
 def test_quantiles_are_exact_to_a_millisecond():

@@ -2,25 +2,28 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import av
 import av.codec
 import cv2
 import numpy as np
 import pytest
+from av.video.reformatter import Colorspace
 from typer.testing import CliRunner
 
 from recognition.cli import app, main
 from recognition.errors import RecognitionError, RecordingError
 from recognition.observations import FrameSet, Instant, ViewDetections, ViewFrame
 from recognition.options import options_text
-from recognition.placing import PlacingOptions
+from recognition.placing import Placer, PlacingOptions
 from recognition.recording import Recorder
 from recognition.replay import PLACING_KEY, VIEWS_KEY
 from recognition.sources.recording import open_recording
 from recognition.synthetic import semicircle_rig, simulate
 from recognition.synthetic_views import observe
 from recognition.viewing import VideoWriter, foxglove_layout, read_footage, video
+from recognition.viewing.drawing import AMBER, GROUND, RED, Label, text, write
 from recognition.viewing.floor import FloorPlan
 from recognition.viewing.heads import HOLD_S, LOOKED_S, Heads, blur, blur_all, head_discs
 from recognition.viewing.mosaic import WIDTH, Mosaic
@@ -51,15 +54,16 @@ def site(tmp_path_factory):
     return folder, rig, views, images
 
 
-def record(site, name, *, absent=(), skipped=(), frames=True):
-    """A recording; ``absent``: (instant, camera) without a frame, ``skipped``: instants that were not looked at."""
+def record(site, name, *, absent=(), skipped=(), frames=True, fps=FPS, blind=(), earlier=0):
+    """A recording; ``absent``: (instant, camera) without a frame, ``skipped``: instants that were not looked at,
+    ``blind``: cameras that see nobody, ``earlier``: how many tracks the run had before."""
     folder, rig, views, images = site
     metadata = {PLACING_KEY: options_text(PlacingOptions()), VIEWS_KEY: ",".join(rig.camera_ids)}
     made = []
     rig_json = (folder / "s.rig.json").read_bytes()
     with Recorder(folder / name, rig=rig, rig_json=rig_json, metadata=metadata) as recorder:
         for k, seen in enumerate(views):
-            t_ns = T0 + round(k * 1e9 / FPS)
+            t_ns = T0 + round(k * 1e9 / fps)
             there = [(k, v) not in absent for v in range(len(rig.cameras))]
             encoded = [
                 ViewFrame(k, t_ns, np.zeros((2, 2, 3), np.uint8), images[k][v], "png") if is_there else None
@@ -71,12 +75,17 @@ def record(site, name, *, absent=(), skipped=(), frames=True):
             elif k not in skipped:
                 times = tuple(t_ns if is_there else None for is_there in there)
                 of_frames = frame_set if frames else FrameSet(k, t_ns, (None,) * len(times), times)
-                known = tuple(one if here else ViewDetections.empty() for one, here in zip(seen, there, strict=True))
+                sees = [here and v not in blind for v, here in enumerate(there)]
+                known = tuple(one if here else ViewDetections.empty() for one, here in zip(seen, sees, strict=True))
                 made.append(Instant(of_frames, known))
                 if frames:
                     recorder.write_frames(frame_set)
+        placer = Placer(rig)
         for instant in made:
             recorder.write_detections(instant.frame_set, instant.views)
+            if (scene := placer.place(instant)) is not None:
+                workers = tuple(replace(worker, track_id=worker.track_id + earlier) for worker in scene.workers)
+                recorder.write_scene(replace(scene, workers=workers))
     return folder / name
 
 
@@ -86,8 +95,9 @@ def recording(site):
 
 
 def rendering(path, **options):
-    footage = read_footage(open_recording(path))
-    use = options.pop("use", (True,) * len(footage.run.rig.cameras))
+    opened = open_recording(path)
+    footage = read_footage(opened, from_s=options.get("from_s", 0.0), to_s=options.get("to_s"))
+    use = options.pop("use", (True,) * len(opened.rig.cameras))
     return Rendering(footage, RenderOptions(use, **options))
 
 
@@ -159,6 +169,14 @@ def test_a_head_lying_sideways_is_covered():
     assert covers(head_discs(seen(joints), (1920, 1080)), np.array([(0.0, 0.0), (0.0, -15.0)]) @ [[0, 1], [-1, 0]])
 
 
+def test_an_ear_that_is_elsewhere_makes_no_giant_of_its_head():
+    joints = person()
+    joints[3] += [0.0, 500.0]
+    discs = head_discs(seen(joints), (1920, 1080))
+    assert covers(discs, FACE)
+    assert discs[:, 2].max() < 150.0, "of a person who is 400 px tall"
+
+
 def test_somebody_of_whom_a_hat_is_all_that_is_seen_is_covered():
     discs = head_discs(seen(objects=[("hat", (100.0, 50.0, 140.0, 80.0)), ("ladder", (0, 0, 9, 9))]), (1920, 1080))
     assert len(discs) == 1
@@ -228,7 +246,8 @@ def test_a_picture_for_each_frame_with_heads_blurred_by_default(site, recording)
 def test_a_view_that_nobody_looked_at_is_blurred_as_a_whole(site):
     _, rig, _, _ = site
     path = record(site, "blind.mcap", absent={(k, 2) for k in range(1, FRAMES)})
-    seen_once, shown = (list(rendering(path, show_faces=faces).pictures())[8] for faces in (False, True))
+    parts = (rendering(path, from_s=0.75, to_s=0.85, show_faces=faces) for faces in (False, True))
+    seen_once, shown = (next(part.pictures()) for part in parts)
     assert not view_of(seen_once, rig, 2).any(), "it has no frame that is near"
     path = record(site, "unlooked.mcap", skipped=set(range(1, FRAMES)))
     blurred, shown = (next(rendering(path, from_s=1.1, show_faces=faces).pictures()) for faces in (False, True))
@@ -236,15 +255,101 @@ def test_a_view_that_nobody_looked_at_is_blurred_as_a_whole(site):
         assert view_of(blurred, rig, view).std() < 0.25 * view_of(shown, rig, view).std()
 
 
+def band_of(picture):
+    """The colour of the band on top, blue, green and red."""
+    return tuple(picture.image_bgr[1, -1].tolist())
+
+
 def test_a_camera_without_a_frame_is_said_and_the_scene_degraded(site, recording):
-    made = rendering(recording)
-    assert made._headline(T0, made._scene_at(T0))[0].startswith("DEGRADED: 3 of 4 cameras (cam1: no frame)")
-    later = T0 + round(0.7e9)
-    assert made._headline(later, made._scene_at(later))[0].startswith("MONITORED  |  2 workers")
-    assert T0_UTC in made._headline(T0, made._scene_at(T0))[0]
-    assert made._headline(T0, None)[0].startswith("NOT MONITORED: no result within 0.5 s")
-    first = next(made.pictures())
-    assert not view_of(first, site[1], 1).any()
+    pictures = list(rendering(recording).pictures())
+    assert pictures[0].headline.startswith("DEGRADED: 3 of 4 cameras (cam1: no frame)  |  2 workers, 0 objects")
+    assert T0_UTC in pictures[0].headline
+    assert "+0.700 s" in pictures[7].headline
+    assert pictures[7].headline.startswith("MONITORED  |  2 workers, ")
+    assert (pictures[0].scene.status, pictures[7].scene.status) == ("DEGRADED", "MONITORED")
+    assert [band_of(pictures[k]) for k in (0, 7)] == [AMBER, GROUND]
+    assert not view_of(pictures[0], site[1], 1).any()
+
+
+def test_instants_of_one_camera_are_not_monitored_and_say_so_in_red(site):
+    alone = {(k, v) for k in range(6, FRAMES) for v in (1, 2, 3)}
+    path = record(site, "alone.mcap", absent=alone)
+    pictures = list(rendering(path, from_s=0.5, to_s=0.6, show_faces=True).pictures())
+    assert pictures[0].headline.startswith("MONITORED  |  2 workers")
+    why = "NOT MONITORED: 1 of 4 cameras (cam1: no frame; cam2: no frame; cam3: no frame)  |  20"
+    assert pictures[1].headline.startswith(why), "nobody is counted where nobody can be told"
+    assert band_of(pictures[1]) == RED
+
+
+def test_where_nothing_was_looked_at_for_long_nothing_is_monitored_and_a_late_result_says_so(site):
+    path = record(site, "rest.mcap", skipped=set(range(2, FRAMES)))
+    told = [picture.headline for picture in rendering(path, from_s=0.25, every_s=0.5).pictures()]
+    assert "(0.20 s before)" in told[0]
+    assert told[1].startswith("NOT MONITORED: no result within 0.5 s of this time")
+
+
+def test_a_recording_without_detections_is_shown_blurred_as_a_whole(site, tmp_path):
+    path = record(site, "unseen.mcap", skipped=set(range(FRAMES)))
+    hidden, shown = (next(rendering(path, show_faces=faces).pictures()) for faces in (False, True))
+    assert hidden.headline.startswith("NO DETECTIONS in this recording: views are blurred as a whole")
+    assert shown.headline.startswith("NO DETECTIONS in this recording  |")
+    assert band_of(hidden) == RED
+    for view in range(4):
+        assert view_of(hidden, site[1], view).std() < 0.25 * view_of(shown, site[1], view).std()
+    told = invoke(path, "--png", tmp_path / "png")
+    assert "warning: the recording holds no detections" in told.stdout
+    assert "every view is blurred as a whole" in told.stdout
+
+
+def test_somebody_whom_one_camera_saw_and_nobody_tracked_is_blurred(site):
+    _, rig, views, _ = site
+    path = record(site, "lone.mcap", blind={1, 2, 3})
+    blurred, shown = (list(rendering(path, show_faces=faces).pictures()) for faces in (False, True))
+    scale = Mosaic.of(rig.cameras).scales[0]
+    for k in range(FRAMES):
+        assert not blurred[k].scene.workers
+        for joints in views[k][0].people_px:
+            x, y = np.nanmean(joints[:5], axis=0) * scale
+            part = np.s_[max(0, round(y) - 3) : round(y) + 4, max(0, round(x) - 3) : round(x) + 4]
+            hidden, seen_px = (view_of(pictures[k], rig, 0)[part].astype(int) for pictures in (blurred, shown))
+            assert np.abs(hidden - seen_px).mean() > 5, (k, x, y)
+
+
+def test_a_part_is_found_by_the_index_and_shown_as_in_the_whole(site):
+    path = record(site, "long.mcap", fps=0.2, earlier=40)
+    whole = list(rendering(path).pictures())
+    with path.open("r+b") as file:  # 8 MB over 55 s: this is of about 14 s, and nothing of it is read
+        file.seek(path.stat().st_size // 4)
+        file.write(bytes(2000))
+    part = rendering(path, from_s=45.0)
+    assert [picture.t_ns for picture in part.pictures()] == [picture.t_ns for picture in whole[9:]]
+    for one, other in zip(part.pictures(), whole[9:], strict=True):
+        named, expected = ({w.track_id: w.joints_m for w in each.scene.workers} for each in (one, other))
+        assert one.scene.index == other.scene.index
+        assert named.keys() == {41, 42}, "as the run had numbered them"
+        assert max(np.nanmax(np.abs(named[n] - expected[n - 40])) for n in named) < 0.01
+    with pytest.raises(RecordingError, match="unfinished or damaged"):
+        rendering(path)
+
+
+def test_labels_of_one_place_are_written_beside_each_other():
+    labels = [Label(words, (40.0, 160.0), (255, 255, 255)) for words in ("worker 1", "hard_hat 7", "ladder 12")]
+
+    def drawn(*shown):
+        image = np.full((320, 320, 3), 90, np.uint8)
+        write(image, shown)
+        return int((image != 90).sum())
+
+    assert drawn(*labels) == sum(drawn(label) for label in labels)
+    crowd = [Label(f"worker {n}", (40.0, 160.0), (255, 255, 255)) for n in range(30)]
+    assert drawn(*crowd) == sum(map(drawn, crowd[:13])), "what finds no place is left out"
+
+
+def test_letters_stand_out_from_their_ground():
+    image = np.full((40, 200, 3), 90, np.uint8)
+    text(image, "MMMM", (10, 30), (255, 0, 0), size=1.0)
+    blue, green, red = image.reshape(-1, 3).max(axis=0).tolist()
+    assert 0.114 * blue + 0.587 * green + 0.299 * red > 140
 
 
 def test_ranges_steps_and_views_are_kept(recording):
@@ -269,16 +374,18 @@ def test_mosaics_are_even_and_no_wider_than_a_screen(count, size_wh):
     mosaic.place_plan(picture, np.full((*mosaic.plan_wh[::-1], 3), 9, np.uint8))
 
 
-def test_the_plan_shows_every_camera_and_worker_in_metres(recording):
-    made = rendering(recording)
-    plan = FloorPlan(made._footage.run.rig, made._scenes, (480, 400))
-    places = [plan._at(place) for place in plan._cameras]
-    places += [plan._at(plan._place(worker)) for worker in made._scenes[-1].workers]
+def test_the_plan_shows_every_camera_and_worker_in_metres(site, recording):
+    scenes = rendering(recording).scenes
+    plan = FloorPlan(site[1], scenes, (480, 400))
+    cameras = [camera.cam_from_rig.inverse().translation_m for camera in site[1].cameras]
+    workers = [np.nanmean(worker.joints_m, axis=0) for worker in scenes[-1].workers]
+    places = np.array([plan.pixel_of(point) for point in (*cameras, *workers)])
     assert len(places) == 6
-    assert all(0 < x < 480 and 0 < y < 400 for x, y in places)
-    gaps = np.linalg.norm(np.diff(plan._cameras, axis=0), axis=1)
-    drawn = np.linalg.norm(np.diff(places[:4], axis=0), axis=1)
-    np.testing.assert_allclose(drawn / gaps, plan._pixels_per_m, rtol=0.03)
+    assert ((places > 0) & (places < [480, 400])).all()
+    flat = site[1].world_from_rig.apply(np.array(cameras))[:, :2]
+    gaps, drawn = (np.linalg.norm(np.diff(each, axis=0), axis=1) for each in (flat, places[:4]))
+    np.testing.assert_allclose(drawn / gaps, drawn[0] / gaps[0], rtol=0.03)
+    assert drawn[0] / gaps[0] > 20
 
 
 # --- video ----------------------------------------------------------------------------------------------------------
@@ -293,8 +400,12 @@ def test_a_video_has_its_pictures_at_their_own_times_and_no_b_frames(tmp_path, c
         for t_ns in times_ns:
             writer.write(np.full((180, 320, 3), 100, np.uint8), t_ns)
         assert not (tmp_path / "o.mp4").exists()
+    written = (tmp_path / "o.mp4").read_bytes()
+    assert written.index(b"moov") < written.index(b"mdat"), "a browser shows it while it loads"
     with av.open(str(tmp_path / "o.mp4")) as read:
-        assert read.streams.video[0].codec_context.has_b_frames == 0
+        context = read.streams.video[0].codec_context
+        assert (context.has_b_frames, context.pix_fmt) == (0, "yuv420p")
+        assert context.colorspace == Colorspace.ITU709 or codec == "mpeg4"
         assert [round(frame.time, 3) for frame in read.decode(video=0)] == [0.0, 0.1, 0.4]
     assert [path.name for path in tmp_path.iterdir()] == ["o.mp4"]
 
@@ -332,6 +443,7 @@ def test_the_command_writes_video_pictures_and_layout(recording, tmp_path):
     assert "configById" in json.loads((tmp_path / "l.json").read_text())
     told = invoke(recording, "--png", tmp_path / "png2", "--every", "1s", "--show-faces", "--views", "cam0,cam3")
     assert "2 files, faces shown" in told.stdout
+    assert told.stderr == "", "no bar where there is no terminal"
 
 
 def test_the_layout_names_topics_that_the_recording_has(site, recording):
@@ -364,6 +476,8 @@ def test_help_says_whose_faces_are_not_blurred():
         (("-o", "O", "--every", "5"), "option --every is out of range"),
         (("-o", "O", "--views", "cam9"), "the rig has no camera cam9"),
         (("-o", "O", "--from", "60"), "there are no frames to show"),
+        (("-o", "run.mcap"), "expected: a name that ends in .mp4"),
+        (("--layout", "run.mcap"), "expected: a name that ends in .json"),
     ],
 )
 def test_what_cannot_be_rendered_is_told(recording, tmp_path, arguments, words):
@@ -377,6 +491,22 @@ def test_what_cannot_be_rendered_is_told(recording, tmp_path, arguments, words):
 def test_a_range_without_frames_says_which_there_are(recording):
     with pytest.raises(RecordingError, match=r"times within 0 to 1\.100 s"):
         rendering(recording, from_s=60.0)
+
+
+def test_outputs_are_made_or_refused_before_anything_takes_long(recording, tmp_path):
+    done = invoke(recording, "-o", tmp_path / "new" / "o.mp4", "--to", "0.05", "--codec", "mpeg4")
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "new" / "o.mp4").stat().st_size > 1000
+    (tmp_path / "folder.mp4").mkdir()
+    assert "a folder" in str(error_of(recording, "-o", tmp_path / "folder.mp4", "--codec", "mpeg4"))
+    (tmp_path / "file").write_text("x")
+    assert "cannot write this file" in str(error_of(recording, "--png", tmp_path / "file"))
+
+
+def test_a_cut_recording_and_an_absent_one_are_told(recording, tmp_path):
+    (tmp_path / "cut.mcap").write_bytes(recording.read_bytes()[:100_000])
+    assert "recognition recover" in str(error_of(tmp_path / "cut.mcap", "-o", tmp_path / "o.mp4"))
+    assert "cannot open the recording" in str(error_of(tmp_path / "none.mcap", "-o", tmp_path / "o.mp4"))
 
 
 def test_a_recording_without_video_is_told(site, tmp_path):
@@ -396,6 +526,6 @@ def test_what_is_no_recording_is_told_at_the_command_line(tmp_path, monkeypatch,
 def test_smoothing_the_papers_tracks_is_refused(site, recording):
     footage = read_footage(open_recording(recording))
     metadata = {**footage.run.metadata, PLACING_KEY: options_text(PlacingOptions(method="paper"))}
-    changed = type(footage.run)(footage.run.files, footage.run.rig, metadata, ())
+    changed = replace(footage, run=replace(footage.run, metadata=metadata))
     with pytest.raises(OptionError, match="method"):
-        Rendering(type(footage)(changed, footage.topics, footage.times_ns), RenderOptions((True,) * 4, smooth=True))
+        Rendering(changed, RenderOptions((True,) * 4, smooth=True))

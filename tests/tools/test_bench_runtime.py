@@ -40,3 +40,11 @@ def test_the_plot_has_every_figure_where_it_belongs():
     height = [float(point.split(",")[1]) for point in lines[0].attrib["points"].split()]
     assert np.diff(height) == pytest.approx(np.full(2, height[1] - height[0]))  # decades are equally high
     assert [text.text for text in root.findall("{*}text") if "cameras" in text.text] == ["4 cameras", "16 cameras"] * 2
+
+
+def test_the_names_of_lines_that_end_near_each_other_are_apart():
+    curves = [Curve("a", cameras, (1, 20), (1.0, ms)) for cameras, ms in ((4, 3.0), (8, 6.3), (12, 6.2), (16, 6.4))]
+    root = ET.fromstring(growth_plot(curves, frame_ms=33.3))
+    names = {text.text: float(text.attrib["y"]) for text in root.findall("{*}text") if "cameras" in text.text}
+    assert sorted(names, key=names.get, reverse=True) == ["4 cameras", "12 cameras", "8 cameras", "16 cameras"]
+    assert np.diff(sorted(names.values())).min() >= 12.9

@@ -1,6 +1,6 @@
 """`make bench-runtime`: from 2D detections to tracks in 3D, ours beside the paper's method; one JSON object per line.
 
-Parts: ``frame_set`` (four cameras, four workers, 14 objects), ``growth`` (to 16 cameras and 20 workers, drawn to
+Parts: ``frame_set`` (four cameras, four workers, 14 objects), ``growth`` (to 20 cameras and 20 workers, drawn to
 ``out/bench-runtime.svg``) and ``crowds`` (what the tracks are worth, see :mod:`runtime_crowds`). Times are the CPU time
 of one thread, which is what other work on the machine lengthens least; of the frame set also the time on the wall.
 Fixed seeds.
@@ -33,7 +33,7 @@ Line = Mapping[str, Any]
 PLOT = Path("out") / "bench-runtime.svg"
 NOISE = DetectorNoise(pixel_sigma=3.0, missing_joint=0.05, missed=0.03, false_per_view=0.1)
 FRAMES, GROWTH_FRAMES = 900, 40
-CAMERAS, WORKERS = (4, 8, 12, 16), (1, 4, 8, 12, 16, 20)
+CAMERAS, WORKERS = (4, 8, 12, 16, 20), (1, 4, 8, 12, 16, 20)
 FPS = 30.0
 
 
@@ -65,7 +65,8 @@ def frame_set_of(method: str) -> Line:
 
 
 def growth() -> Iterator[Line]:
-    """How the time of a frame set grows with cameras and workers; the first second of each run is not counted."""
+    """How the time of a frame set grows with cameras and workers: the median of a second, after the third in which
+    everybody appears; the worst is the first frame set, in which nobody is known and all have to be told apart."""
     curves = []
     for method in METHODS:
         for cameras in CAMERAS:

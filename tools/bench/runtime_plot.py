@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_WIDTH, _HEIGHT, _LEFT, _TOP, _GAP = 400, 300, 60, 56, 96
+_WIDTH, _HEIGHT, _LEFT, _TOP, _GAP = 400, 300, 60, 56, 112
+_LINE = 13
 _BLUES = ("#6baed6", "#4292c6", "#2171b5", "#08519c", "#08306b")
 
 
@@ -33,8 +34,9 @@ def growth_plot(curves: Sequence[Curve], *, frame_ms: float) -> str:
         axes = _Axes(_LEFT + index * (_WIDTH + _GAP), max(curves[0].workers), low, high)
         body += axes.frame(f"{method}: median time of a frame set, ms", frame_ms)
         own = [curve for curve in curves if curve.method == method]
+        label_y = _apart([axes.y(curve.median_ms[-1]) for curve in own])
         for number, curve in enumerate(own):
-            body += axes.line(curve, _BLUES[number % len(_BLUES)])
+            body += axes.line(curve, _BLUES[number % len(_BLUES)], label_y[number])
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
         'font-family="sans-serif" font-size="12" fill="#333"><rect width="100%" height="100%" fill="#fff"/>'
@@ -72,11 +74,19 @@ class _Axes:
         said = f"{1e3 / frame_ms:.0f} frame sets a second"
         yield f'<text x="{self.left + 6}" y="{y - 6:.1f}" fill="#c0392b">{said}</text>'
 
-    def line(self, curve: Curve, colour: str) -> Iterator[str]:
+    def line(self, curve: Curve, colour: str, label_y: float) -> Iterator[str]:
         points = [(self.x(w), self.y(ms)) for w, ms in zip(curve.workers, curve.median_ms, strict=True)]
         path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
         yield f'<polyline points="{path}" fill="none" stroke="{colour}" stroke-width="2"/>'
         for x, y in points:
             yield f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3" fill="{colour}"/>'
-        x, y = points[-1]
-        yield f'<text x="{x + 8:.1f}" y="{y + 4:.1f}" fill="{colour}">{curve.cameras} cameras</text>'
+        x = points[-1][0] + 8
+        yield f'<text x="{x:.1f}" y="{label_y + 4:.1f}" fill="{colour}">{curve.cameras} cameras</text>'
+
+
+def _apart(heights: Sequence[float]) -> list[float]:
+    """Heights of labels, in the order given: moved up, from the lowest, until each has a line of its own."""
+    moved, lowest = list(heights), np.inf
+    for index in sorted(range(len(heights)), key=lambda i: (-heights[i], i)):
+        moved[index] = lowest = min(heights[index], lowest - _LINE)
+    return moved
