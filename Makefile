@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 READY := .venv/ready
 
-.PHONY: demo test lint bench bench-calibration bench-sync bench-runtime constraints sicsg-env train-env clean
+.PHONY: demo test lint bench bench-calibration bench-sync bench-runtime bench-streams constraints sicsg-env train-env clean
 
 demo: $(READY)
 	$(BIN)/python -m tools.demo out/demo
@@ -30,6 +30,10 @@ bench-sync: $(READY)
 # Detections to tracks: time of a frame set, its growth, and what the tracks are worth in crowds; PARTS as above.
 bench-runtime: $(READY)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tools/bench/runtime.py $(PARTS)
+
+# The live runtime on four 1080p30 streams for ten minutes; with ARGS="--source rtsp --minutes 1" from a server, and so on.
+bench-streams: $(READY)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.bench.streams --minutes 10 $(ARGS)
 
 # Exactly the pinned versions, each checked against its hash; then the project itself, from this folder.
 $(READY): constraints.txt pyproject.toml

@@ -8,6 +8,7 @@ they are has sets skipped, counted as such, and never falls behind.
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from queue import Empty, Full, Queue
@@ -59,7 +60,7 @@ class Looking:
     def run(self) -> None:
         """Look until there is nothing more to look at, or until stopped."""
         try:
-            with ThreadPoolExecutor(os.cpu_count(), "look") as views:
+            with ThreadPoolExecutor(_processors(), "look") as views:
                 while not (self._stopping.is_set() or self._gathering.is_over):
                     taken = self._gathering.take(_POLL_S)
                     if taken is not None:
@@ -99,3 +100,8 @@ class Looking:
             self._broken(frame.packet.camera, error)
             return None
         return self._detector.detect(image_bgr)
+
+
+def _processors() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
