@@ -6,8 +6,9 @@ RTSP by a server of the loopback interface in a process of its own, which takes 
 decoding, the bundled int8 networks, placing: everything as in ``recognition run``, in this process.
 
 Bars: every frame recorded; 15 inferences per camera and second; 200 ms from capture to track at p95; memory that does
-not grow. ``cpu_ms`` is processor time (``time.thread_time``) per frame set that was looked at, by stage, and
-``cpu_ms_per_call`` per image, packet or instant; what the stages do not cover is ``rest``.
+not grow. The recording is of segments of a minute, since the index of an MCAP file stays in memory up to its end.
+``cpu_ms`` is processor time (``time.thread_time``) per frame set that was looked at, by stage, and ``cpu_ms_per_call``
+per image, packet or instant; what the stages do not cover is ``rest``.
 
     python -m tools.bench.streams [--source files|rtsp] [--minutes 10] [--fps 30] [--cameras 4] [--cores 2]
 """
@@ -40,7 +41,7 @@ from recognition.grouping import GroupingOptions
 from recognition.live import LiveFeed, LiveInput, LiveOptions, live_cameras
 from recognition.live.pacing import PacedStream, Pacing
 from recognition.placing import Placer
-from recognition.recording import Recorder, check_recording
+from recognition.recording import Recorder, check_sequence, recording_files
 from recognition.runtime import RunOptions, run_live
 from recognition.sources.decoding import DecodedFrame, Decoder
 from recognition.sources.files import untimed
@@ -56,7 +57,7 @@ OUT = ROOT / "out" / "bench" / "streams"
 SERVER = ROOT / "tests" / "recognition" / "rtsp_server.py"
 BIT_RATE, FRAMES, CODED_FPS = 6_000_000, 150, 30
 LATENCY_S, INFERENCES_PER_S, GROWTH_MB_PER_MIN = 0.2, 15.0, 1.0
-REPORT_S = 10.0
+REPORT_S, SEGMENT_S = 10.0, 60.0
 
 
 class Stages:
@@ -201,10 +202,10 @@ def rss_mb() -> float:
 def measure(given: argparse.Namespace, source: LiveInput, rig_path: Path, rig: Rig, seconds: float) -> dict[str, Any]:
     """One run; prints a line every ten seconds and returns the last."""
     output, stages, memory = OUT / "bench.mcap", Stages(), []
-    for old in (output, output.with_name(output.name + ".part")):
-        old.unlink(missing_ok=True)
+    for old in OUT.glob("bench*.mcap*"):
+        old.unlink()
     use = (True,) * len(rig.cameras)
-    recorder = Recorder(output, rig=rig, rig_json=rig_path.read_bytes(), metadata={})
+    recorder = Recorder(output, rig=rig, rig_json=rig_path.read_bytes(), metadata={}, segment_s=SEGMENT_S)
     options = LiveOptions(use, source.is_live, 86400.0, GroupingOptions(fps=given.fps))
     feed = LiveFeed(rig, source.streams, load_bundled(), recorder, source.now_ns, options)
     feed.announce = lambda entry: print(json.dumps({"said": entry.text}), flush=True)
@@ -230,7 +231,8 @@ def measure(given: argparse.Namespace, source: LiveInput, rig_path: Path, rig: R
         reporter.join()
     cpu, lasted, status = time.process_time() - cpu, time.monotonic() - started, feed.status
     sets = max(status.looked_at, 1)
-    check = check_recording(output)
+    files = recording_files(output)
+    check = check_sequence(files)
     named = {name: round(1e3 * spent / sets, 2) for name, spent in sorted(stages.seconds.items())}
     return _figures(status) | {
         "inferences_per_s": round(status.looked_at / lasted, 2),
@@ -240,7 +242,7 @@ def measure(given: argparse.Namespace, source: LiveInput, rig_path: Path, rig: R
         "workers": len(result.worker_instants),
         "monitoring": dict(result.statuses),
         "check": check.ok,
-        "recorded_mb_per_s": round(output.stat().st_size / 1e6 / lasted, 2),
+        "recorded_mb_per_s": round(sum(file.stat().st_size for file in files) / 1e6 / lasted, 2),
         "growth_mb_per_min": _growth(memory),
         "bars": _bars(status, status.looked_at / lasted, _growth(memory), check.ok),
     }
@@ -260,11 +262,14 @@ def _figures(status: Any) -> dict[str, Any]:
 
 
 def _growth(memory: list[tuple[float, float]]) -> float | None:
-    """Megabytes per minute by least squares, after the first two minutes; None for shorter runs."""
-    late = [(at, mb) for at, mb in memory if at - memory[0][0] > 110.0]
-    if len(late) < 6:
-        return None
-    return round(60.0 * float(np.polyfit(*np.array(late).T, 1)[0]), 2)
+    """Megabytes per minute, after the first two: a line through the least of each minute, for the frames in flight come
+    and go; None for runs of less than five."""
+    minutes: dict[int, float] = {}
+    for at, mb in memory:
+        minute = int((at - memory[0][0]) // 60.0)
+        minutes[minute] = min(mb, minutes.get(minute, mb))
+    late = [(minute, mb) for minute, mb in minutes.items() if minute >= 2]
+    return None if len(late) < 3 else round(float(np.polyfit(*np.array(late).T, 1)[0]), 2)
 
 
 def _bars(status: Any, rate: float, growth: float | None, is_sound: bool) -> dict[str, bool | None]:
