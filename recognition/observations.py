@@ -44,8 +44,8 @@ class ViewDetections:
     object_score: Floats
     """(K,) scores, 0..1."""
     object_keypoints_px: Floats = field(default_factory=lambda: np.zeros((0, 4, 2)))
-    """(K, 4, 2) up to four keypoints of each object, in the order that its class has; NaN where one was not detected.
-    Without it: none was."""
+    """(K, 4, 2) up to four keypoints of each object, in one of the orders that its class has, which differs between
+    views (:mod:`recognition.keypoints`); NaN where one was not detected. Without it: none was."""
 
     def __post_init__(self) -> None:
         people, objects = len(self.people_px), len(self.object_class)
@@ -195,9 +195,12 @@ class ObjectTrack:
     covariance_m2: Floats = field(default_factory=lambda: np.full((3, 3), np.nan))
     """(3, 3) covariance of the centre; NaN where the method states none."""
     keypoints_m: Floats = field(default_factory=lambda: np.full((4, 3), np.nan))
-    """(4, 3) keypoints in the rig frame, in the order that the class has; NaN where not known."""
+    """(4, 3) keypoints in the rig frame, in one of the orders that the class has, the same as long as the object is
+    followed (:mod:`recognition.keypoints`); NaN where not known, or where the cameras disagree."""
     size_m: tuple[float, float] = (math.nan, math.nan)
     """Width and height of its boxes at its depth, the mean of the cameras that saw it now; NaN where none did."""
+    keypoint_covariance_m2: Floats = field(default_factory=lambda: np.full((4, 3, 3), np.nan))
+    """(4, 3, 3) covariance of each keypoint; NaN where the keypoint is."""
 
 
 Status = Literal["MONITORED", "DEGRADED", "NOT MONITORED"]

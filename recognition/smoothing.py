@@ -19,6 +19,7 @@ from recognition.observations import ObjectTrack, Scene, WorkerTrack
 from recognition.tracking.motion import deviation_change
 from recognition.tracking.options import FollowOptions
 from recognition.tracking.population import Population
+from recognition.tracking.telling import spheres
 from recognition.tracking.tracked import FollowState, later
 from rigcal.geometry import Bools, Floats, Ints
 
@@ -151,30 +152,38 @@ def _workers(one: Followed, tracks: _Tracks, options: FollowOptions) -> tuple[Wo
 def _objects(one: Followed, tracks: _Tracks, options: FollowOptions) -> tuple[ObjectTrack, ...]:
     """The scene's objects where they were, and those that it lacks."""
     seen = {thing.track_id: thing for thing in one.scene.objects}
-    told, population = _certain(tracks, options), one.state.things.population
+    things = one.state.things
+    alike_m2 = np.concatenate([np.zeros((len(things.owner), 1)), things.scatter_m2], axis=1)[:, : tracks.known.shape[1]]
+    told = _certain(tracks, options, alike_m2)
     for row in np.flatnonzero(told[:, 0]).tolist():
         track_id, state = int(tracks.track_id[row]), tracks.state[row, :, :3]
         before = seen.get(track_id)
-        extra = _extra(before.covariance_m2[None], population, row)[0] if before else 0.0
+        extra = spheres(np.where(told[row], alike_m2[row], 0.0))
+        if before:
+            stated = np.concatenate([before.covariance_m2[None], before.keypoint_covariance_m2])[: len(state)]
+            extra = np.where(np.isfinite(stated), _extra(stated, things.population, row), extra)
+        covariance = tracks.covariance[row, :, :3, :3] + extra
         fresh = ObjectTrack(
-            track_id, one.state.labels[population.label[row]], state[0], 0, np.full(one.cameras, -1),
-            tracks.covariance[row, 0, :3, :3] + extra,
+            track_id, one.state.labels[things.population.label[row]], state[0], 0, np.full(one.cameras, -1),
+            covariance[0],
         )  # fmt: skip
-        keypoints = fresh.keypoints_m.copy()
+        keypoints, doubt = fresh.keypoints_m.copy(), fresh.keypoint_covariance_m2.copy()
         keypoints[: len(state) - 1] = np.where(told[row, 1:, None], state[1:], np.nan)
+        doubt[: len(state) - 1] = np.where(told[row, 1:, None, None], covariance[1:], np.nan)
         seen[track_id] = replace(
             fresh,
             views=before.views if before else 0,
             members=before.members if before else fresh.members,
             keypoints_m=keypoints,
             size_m=before.size_m if before else fresh.size_m,
+            keypoint_covariance_m2=doubt,
         )
     return tuple(seen[track_id] for track_id in sorted(seen))
 
 
-def _certain(tracks: _Tracks, options: FollowOptions) -> Bools:
-    """(T, J) which points are told."""
-    variance = np.trace(tracks.covariance[..., :3, :3], axis1=-2, axis2=-1) / 3
+def _certain(tracks: _Tracks, options: FollowOptions, alike_m2: Floats | float = 0.0) -> Bools:
+    """(T, J) which points are told; ``alike_m2`` is the variance (T, J) by which they err alike at every instant."""
+    variance = np.trace(tracks.covariance[..., :3, :3], axis1=-2, axis2=-1) / 3 + alike_m2
     named = (tracks.track_id > 0)[:, None]
     return np.asarray(named & tracks.known & tracks.told & (variance <= options.max_sigma_m**2))
 

@@ -75,6 +75,7 @@ ORDER = {
     "recognition": [
         "errors",
         "observations",
+        "keypoints",
         "options",
         "h264",
         "detectors",

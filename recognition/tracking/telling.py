@@ -13,6 +13,7 @@ from recognition.observed import KEYPOINTS, Detected
 from recognition.optics import NEAREST_M, Optics
 from recognition.tracking.options import FollowOptions
 from recognition.tracking.population import Population
+from recognition.tracking.things import Things
 from recognition.triangulation.fusion import Fused
 from rigcal.geometry import Bools, Floats, Ints
 
@@ -43,14 +44,14 @@ def worker_tracks(
 
 
 def object_tracks(
-    optics: Optics, things: Population, names: tuple[str, ...], boxes: Detected, rows: Ints, fused: Fused,
+    optics: Optics, objects: Things, names: tuple[str, ...], boxes: Detected, rows: Ints, fused: Fused,
     systematic: Floats | None, members: Ints, options: FollowOptions, t_ns: int,
 ) -> tuple[ObjectTrack, ...]:  # fmt: skip
     """Objects with an identity, ascending.
 
     Args:
         optics: Of the rig.
-        things: After the update.
+        objects: After the update.
         names: Of the classes.
         boxes: Of all views.
         rows: (K, V) which of them are each object's, -1 where none.
@@ -60,18 +61,23 @@ def object_tracks(
         options: What is certain enough, and how long is a short time.
         t_ns: Rig time.
     """
+    things = objects.population
     told, views = _told(things, options, t_ns), _views(things, fused)
-    place, covariance = things.place_m, _covariances(things, systematic)[:, 0]
+    place, covariances = things.place_m, _covariances(things, systematic)
     keypoints = np.full((len(place), KEYPOINTS, 3), np.nan)
+    covariance, doubt = covariances[:, 0], np.full((*keypoints.shape, 3), np.nan)
     if things.points > 1:
+        told[:, 1:] &= things.variance[:, 1:] + objects.scatter_m2 <= options.max_sigma_m**2
         keypoints = np.where(told[:, 1:, None], place[:, 1:], np.nan)
+        alike = spheres(np.where(told[:, 1:], objects.scatter_m2, 0.0))
+        doubt = np.where(told[:, 1:, None, None], covariances[:, 1:] + alike, np.nan)
     sizes = _sizes_m(optics, place[:, 0], boxes, rows).tolist()
     centre, labels, seen_by = place[:, 0], things.label.tolist(), views[:, 0].tolist()
-    _freeze(centre, members, covariance, keypoints)
+    _freeze(centre, members, covariance, keypoints, doubt)
     return tuple(
         ObjectTrack(
             track_id, names[labels[row]], centre[row], seen_by[row], members[row], covariance[row], keypoints[row],
-            (sizes[row][0], sizes[row][1]),
+            (sizes[row][0], sizes[row][1]), doubt[row],
         )
         for track_id, row in _by_identity(things.track_id, told[:, 0])
     )  # fmt: skip
@@ -81,6 +87,11 @@ def indices(detected: Detected, rows: Ints, fused: Fused) -> Ints:
     """(T, V) index within its view of every member that has a point where it was found to be, else -1."""
     agreed = fused.agreed.reshape(rows.shape[1], len(rows), detected.seen.shape[1]).any(axis=2).T
     return detected.index[np.where(agreed, rows, -1)]
+
+
+def spheres(variance: Floats) -> Floats:
+    """(..., 3, 3) covariances of points whose variance (...) is the same in every direction."""
+    return variance[..., None, None] * np.eye(3)
 
 
 def _told(population: Population, options: FollowOptions, t_ns: int) -> Bools:

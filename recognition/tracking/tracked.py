@@ -25,6 +25,7 @@ from recognition.tracking import workers as people
 from recognition.tracking.body import Limbs
 from recognition.tracking.meeting import distances_m
 from recognition.tracking.motion import predict
+from recognition.tracking.naming import named
 from recognition.tracking.options import FollowOptions
 from recognition.tracking.population import Population
 from recognition.tracking.telling import indices, object_tracks, worker_tracks
@@ -95,13 +96,14 @@ class Follower:
         labels = {name: number for number, name in enumerate(state.labels)}
         worn = np.array([labels.setdefault(name, len(labels)) for name in self.options.worn], dtype=np.int64)
         seen = observe(self.optics, views, labels, self.options.detector, keypoints=state.things.population.points > 1)
-        met = self._met(state, *seen, worn, t_ns)
+        met = self._met(state, *seen, worn, tuple(labels), t_ns)
         sights = _sights(((met.who, met.theirs), (met.what, met.its)), age_s)
         fused = self._fused(met.workers, met.things.population, sights, t_ns)
         count = met.workers.known.size
         by_joint, by_point = fused.parted(count)
         workers, limbs = people.settled(met.workers, by_joint, state.limbs, t_ns)
-        things = objects.settled(met.things, by_point, met.heads.at(workers), worn, t_ns)
+        things = objects.scattered(self.optics, met.things, by_point, sights.after(count))
+        things = objects.settled(things, by_point, met.heads.at(workers), worn, t_ns)
         workers, next_id = _named(workers, self.options.start_worker, state.next_id)
         population, next_id = _named(things.population, self.options.start_object, next_id)
         extra = systematic(self.optics, fused, sights.factors, self.optics.clock_bounds_s(t_ns))
@@ -113,7 +115,7 @@ class Follower:
                 self.options, t_ns,
             ),
             objects=object_tracks(
-                self.optics, population, tuple(labels), met.what, met.its, by_point,
+                self.optics, things.of(population), tuple(labels), met.what, met.its, by_point,
                 None if extra is None else extra[count:], indices(met.what, met.its, by_point), self.options, t_ns,
             ),
         )  # fmt: skip
@@ -124,7 +126,9 @@ class Follower:
         things = things.of(population) if there.all() else things.of(population).rows(there)
         return FollowState(workers, limbs, things, tuple(labels), next_id, t_ns), scene
 
-    def _met(self, state: FollowState, who: Detected, what: Detected, worn: Ints, t_ns: int) -> _Met:
+    def _met(
+        self, state: FollowState, who: Detected, what: Detected, worn: Ints, classes: tuple[str, ...], t_ns: int
+    ) -> _Met:
         """Tracks predicted and given their detections, and what is new; with vague places for what is not known."""
         workers = state.workers
         things = state.things.with_keypoints() if what.seen.shape[1] > 1 else state.things
@@ -134,6 +138,7 @@ class Follower:
         heads = Heads.of(workers)
         objects.wear(things, heads)
         things, its = objects.find(self.optics, things, heads, what, worn, self.options, t_ns)
+        what = named(self.optics, what, its, things.population, classes)
         workers = workers.with_vague(people.UNKNOWN_M, people.UNKNOWN_M_PER_S)
         vague = things.population.with_vague(objects.UNKNOWN_M, objects.UNKNOWN_M_PER_S)
         return _Met(workers, heads, who, theirs, things.of(vague), what, its)

@@ -85,11 +85,15 @@ class Sights:
     age_s: Floats
     """(V,) how long before the common time each camera saw it (negative: after)."""
 
-    def of(self, rows: Ints) -> Sights:
+    def of(self, rows: Ints | slice) -> Sights:
         """Of some of the points."""
         return Sights(
             self.factors[..., rows], self.seen[:, rows], self.angle_var[:, rows], self.spread_var[:, rows], self.age_s
         )
+
+    def after(self, count: int) -> Sights:
+        """Of all but the first so many points."""
+        return self.of(slice(count, None))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,8 +128,8 @@ def fuse(optics: Optics, prior: Motion, sights: Sights, since_s: Floats) -> Fuse
         sights: What was seen; points may be unseen.
         since_s: (N,) how long ago each point was last seen; infinite where it never was.
     """
-    moved = _moved(optics, prior, sights)
-    square, variance, depth = _residuals(optics, prior.state[:, :3], sights, moved)
+    away = moved(optics, prior, sights)
+    square, variance, depth = residuals(optics, prior.state[:, :3], sights, away)
     doubt = prior.variance / (depth * depth)
     vague = prior.variance > VAGUE_VAR
     seen = sights.seen & (depth > NEAREST_M)
@@ -134,7 +138,7 @@ def fuse(optics: Optics, prior: Motion, sights: Sights, since_s: Floats) -> Fuse
         information, target = _normal_equations(optics, sights, weight / (variance * depth * depth), prior)
         place = prior.state[:, :3].copy()
         place[vague] += _step(prior.covariance[vague, :3, :3], information[vague], target[vague])
-        square, variance, depth = _residuals(optics, place, sights, moved)
+        square, variance, depth = residuals(optics, place, sights, away)
         seen = sights.seen & (depth > NEAREST_M)
         doubt = np.where(vague, 0.0, doubt)
         weight = _weights(square, variance + doubt, seen)
@@ -170,14 +174,14 @@ def _disputed(
     return Motion.of(prior.state, covariance)
 
 
-def _moved(optics: Optics, prior: Motion, sights: Sights) -> Floats | None:
+def moved(optics: Optics, prior: Motion, sights: Sights) -> Floats | None:
     """(3, V, N) by how much each camera saw the points elsewhere; None where all saw them at the common time."""
     if not sights.age_s.any():
         return None
     return np.asarray(optics.turned(prior.state[:, 3:]) * -sights.age_s[:, None])
 
 
-def _residuals(optics: Optics, place: Floats, sights: Sights, moved: Floats | None) -> tuple[Floats, Floats, Floats]:
+def residuals(optics: Optics, place: Floats, sights: Sights, moved: Floats | None) -> tuple[Floats, Floats, Floats]:
     """(V, N) squared distance from what was seen, its variance, and the depth."""
     in_cam = optics.in_cameras(place)
     if moved is not None:
