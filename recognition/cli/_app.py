@@ -17,6 +17,13 @@ app = typer.Typer(
 )
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
+ViewsOption = Annotated[str | None, typer.Option(metavar="cam0,cam2", help="Use only these cameras of the rig.")]
+InterpolateOption = Annotated[
+    bool,
+    typer.Option(
+        "--interpolate", help="Move detections to the instants' common times; for cameras not triggered together."
+    ),
+]
 RecordingArgument = Annotated[Path, typer.Argument(metavar="IN.mcap", help="A recording.")]
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recognition.cli._app import JsonOption, app, print_json
+from recognition.cli._app import InterpolateOption, JsonOption, ViewsOption, app, print_json
 from recognition.cli._chosen import (
     DEFAULT_FPS,
     AssociationMethod,
@@ -33,17 +33,12 @@ def evaluate(
     detections: Annotated[
         Path | None, typer.Option(metavar="FILE.npz", help="2D detections, instead of data.npz in the folder.")
     ] = None,
-    views: Annotated[str | None, typer.Option(metavar="cam0,cam2", help="Use only these cameras of the rig.")] = None,
+    views: ViewsOption = None,
     association: Annotated[
         AssociationMethod,
         typer.Option(help="Whether tracks claim detections first, or views are matched as the paper does."),
     ] = AssociationMethod.tracked,
-    interpolate: Annotated[
-        bool,
-        typer.Option(
-            "--interpolate", help="Move detections to the instants' common times; for cameras not triggered together."
-        ),
-    ] = False,
+    interpolate: InterpolateOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Track the workers of a data set, and score them against its truth: PCP3D, MPJPE, recall, switches, IDF1.

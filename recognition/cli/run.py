@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from recognition.cli._app import JsonOption, app
+from recognition.cli._app import InterpolateOption, JsonOption, ViewsOption, app
 from recognition.cli._chosen import (
     DEFAULT_FPS,
     AssociationMethod,
@@ -65,7 +65,7 @@ def run(
     poses: Annotated[
         Path | None, typer.Option(metavar="OUT.npz", help="Also write every worker's joints in 3D.")
     ] = None,
-    views: Annotated[str | None, typer.Option(metavar="cam0,cam2", help="Use only these cameras of the rig.")] = None,
+    views: ViewsOption = None,
     association: Annotated[
         AssociationMethod,
         typer.Option(help="Whether tracks claim detections first, or views are matched as the paper does."),
@@ -74,12 +74,7 @@ def run(
         float | None,
         typer.Option(min=0.001, help="Frame rate where the images or detections hold no times [rig file's, else 30]."),
     ] = None,
-    interpolate: Annotated[
-        bool,
-        typer.Option(
-            "--interpolate", help="Move detections to the instants' common times; for cameras not triggered together."
-        ),
-    ] = False,
+    interpolate: InterpolateOption = False,
     realtime: Annotated[
         bool,
         typer.Option(
