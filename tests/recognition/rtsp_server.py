@@ -147,6 +147,8 @@ class RtspServer:
 
     async def _stop(self) -> None:
         self._server.close()
+        for _ in range(5):  # connections that were accepted just now begin, so that they are known
+            await asyncio.sleep(0)
         for task in self._clients:
             task.cancel()
         await asyncio.gather(*self._clients, return_exceptions=True)
@@ -176,6 +178,8 @@ class RtspServer:
                 playing.cancel()
                 await asyncio.gather(playing, return_exceptions=True)
             writer.close()
+            with contextlib.suppress(ConnectionError):
+                await writer.wait_closed()
             self._clients.discard(task)
 
     def _answer(self, method: str, path: str, headers: Mapping[str, str]) -> tuple[str, dict[str, str], bytes]:

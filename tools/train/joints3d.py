@@ -40,15 +40,14 @@ class Distances:
     instants: int
 
 
-def run_pipeline(sequence: EvaluationSequence, detector: Detector) -> Poses:
+def run_pipeline(sequence: EvaluationSequence, detector: Detector, options: RunOptions | None = None) -> Poses:
     """What ``recognition run`` makes of the videos with the true rig: detect, associate, triangulate, track, record."""
     rig = sequence.rig
-    options = FeedOptions([True] * len(rig.cameras), sequence.fps)
-    feed = open_feed(rig, sequence.folder, None, detector, options)
+    feed = open_feed(rig, sequence.folder, None, detector, FeedOptions([True] * len(rig.cameras), sequence.fps))
     with TemporaryDirectory() as folder:
         rig_json = (sequence.folder / "true.rig.json").read_bytes()
         with Recorder(Path(folder) / "run.mcap", rig=rig, rig_json=rig_json, metadata={}) as recorder:
-            result = run(rig, feed.instants, recorder, RunOptions())
+            result = run(rig, feed.instants, recorder, options or RunOptions())
     return Poses.of(result.scenes, rig.world_from_rig)
 
 
