@@ -6,6 +6,7 @@ error, and with ``--json`` also one object on standard output.
 
 from __future__ import annotations
 
+import os
 import sys
 
 import typer
@@ -19,6 +20,8 @@ __all__ = ["app", "evaluate", "main", "recordings", "render", "replay", "run"]
 
 def main() -> None:
     """Entry point of the console script; a known error becomes its message and exit code 2."""
+    # Before numpy loads, as for rigcal: the matrices are small, and threads of BLAS would take the cameras' processors.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         app()
     except RigcalError as error:
