@@ -134,6 +134,13 @@ def test_cutting_leaves_rectangles_that_cover_the_rest_once():
         assert within(point, parts) == 1 - within(point, holes)
 
 
+def test_edges_that_meet_but_for_rounding_leave_no_sliver():
+    beside = np.nextafter(1.2, 2.0)
+    assert cut((0.0, 0.0, beside, 2.8), [(0.4, 0.9, 1.2, 2.1)]) == [
+        (0.0, 0.0, 0.4, 0.9), (0.0, 0.9, 0.4, 2.1), (0.0, 2.1, 0.4, 2.8), (0.4, 0.0, 1.2, 0.9), (0.4, 2.1, 1.2, 2.8),
+    ]  # fmt: skip
+
+
 def test_no_light_comes_through_the_corners_of_a_room():
     """Rays from the middle meet the shell everywhere but in openings without a door."""
     for name in ("0006", "0013"):

@@ -22,6 +22,7 @@ Floats = NDArray[np.float64]
 WallName = Literal["-x", "+x", "-y", "+y"]
 WALLS: tuple[WallName, ...] = get_args(WallName)
 _AXES: Floats = np.eye(3)
+_SLIVER_M = 1e-6
 Rectangle = tuple[float, float, float, float]
 """u0, z0, u1, z1 on a wall."""
 
@@ -79,7 +80,10 @@ def hole(opening: Opening) -> Rectangle:
 
 
 def cut(area: Rectangle, holes: Sequence[Rectangle]) -> list[Rectangle]:
-    """The rest of a rectangle without the holes, as rectangles that share whole edges or none."""
+    """The rest of a rectangle without the holes, as rectangles that share whole edges or none.
+
+    What is narrower than :data:`_SLIVER_M` is left out: edges that meet but for rounding enclose no volume.
+    """
     u0, z0, u1, z1 = area
     columns = sorted({u0, u1, *(float(np.clip(v, u0, u1)) for h in holes for v in (h[0], h[2]))})
     rows = sorted({z0, z1, *(float(np.clip(v, z0, z1)) for h in holes for v in (h[1], h[3]))})
@@ -87,7 +91,8 @@ def cut(area: Rectangle, holes: Sequence[Rectangle]) -> list[Rectangle]:
         (a, low, b, high)
         for a, b in pairwise(columns)
         for low, high in pairwise(rows)
-        if not any(h[0] < (a + b) / 2 < h[2] and h[1] < (low + high) / 2 < h[3] for h in holes)
+        if min(b - a, high - low) > _SLIVER_M
+        and not any(h[0] < (a + b) / 2 < h[2] and h[1] < (low + high) / 2 < h[3] for h in holes)
     ]
 
 
