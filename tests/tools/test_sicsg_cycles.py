@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -275,6 +276,11 @@ def test_a_process_that_is_silent_for_too_long_is_ended(tmp_path: Path) -> None:
         assert renderer.device == "CPU"
         with pytest.raises(CyclesError, match=r"gave no answer within 0\.3 s"):
             renderer.passes([shown(slab(WHITE))], ABOVE)
+
+
+def test_its_errors_come_whole_through_a_pool_of_processes() -> None:
+    error = pickle.loads(pickle.dumps(CyclesError("Blender is silent", "nothing in 600 s", "start it again")))
+    assert str(error) == "Blender is silent: nothing in 600 s; start it again"
 
 
 def test_less_than_one_sample_is_refused() -> None:

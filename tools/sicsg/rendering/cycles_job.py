@@ -22,10 +22,14 @@ _PATIENCE_S = 5.0
 
 
 class CyclesError(RuntimeError):
-    """Cycles cannot render."""
+    """Cycles cannot render; comes whole through a pool of processes."""
 
     def __init__(self, what: str, got: str, todo: str) -> None:
-        super().__init__(f"{what}: {got}; {todo}")
+        super().__init__(what, got, todo)
+
+    def __str__(self) -> str:
+        what, got, todo = self.args
+        return f"{what}: {got}; {todo}"
 
 
 def blender_python() -> Path:
