@@ -17,6 +17,7 @@ from recognition.detectors.manifest import (
     PeopleManifest,
     PoseManifest,
     entries_text,
+    manifest_digest,
     read_manifest,
 )
 from recognition.detectors.network import Network
@@ -58,7 +59,9 @@ def load_model(path: Path, *, threads: int = 1) -> OnnxBoxDetector | OnnxPeopleD
     manifest = _manifest_of(onnx_path, sha256)
     network = Network(onnx, onnx_path, manifest.input, outputs=outputs_read(manifest), threads=threads)
     require_layout(network.shapes, manifest, onnx_path)
-    info = ModelInfo(onnx_path.name, sha256, manifest.family, manifest.licence)
+    info = ModelInfo(
+        onnx_path.name, sha256, manifest.family, manifest.licence, manifest_sha256=manifest_digest(manifest)
+    )
     if isinstance(manifest, BoxManifest):
         return OnnxBoxDetector(network, BOX_FAMILIES[manifest.family], manifest, info)
     if isinstance(manifest, PeopleManifest):

@@ -9,6 +9,7 @@ usually go wrong in silence. The cost: a network of a new family needs a decode 
 
 from __future__ import annotations
 
+import hashlib
 import tomllib
 from collections.abc import Mapping
 from importlib.resources.abc import Traversable
@@ -200,6 +201,11 @@ def read_manifest(path: Path | Traversable, forms: Mapping[str, type[FormT]]) ->
             do_next="name the family whose output the network has, or add an adapter to recognition.detectors",
         )
     return _validated(data, forms[family], path)
+
+
+def manifest_digest(manifest: NetworkFacts) -> str:
+    """SHA-256 of a manifest's entries, hexadecimal: the same for files that say the same."""
+    return hashlib.sha256(manifest.model_dump_json().encode()).hexdigest()
 
 
 def _validated(data: dict[str, Any], form: type[FormT], path: Path | Traversable) -> FormT:

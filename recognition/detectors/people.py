@@ -8,7 +8,7 @@ import numpy as np
 
 from recognition.detectors.protocol import People
 from rigcal.errors import OptionError
-from rigcal.geometry import Bools, Floats
+from rigcal.geometry import Bools, Floats, Ints
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,8 @@ class PeopleOptions:
 
 def settled(people: People, size_wh: tuple[int, int], options: PeopleOptions) -> Floats:
     """Poses (P, 17, 3) of the people who count, each once: x, y, score; NaN, NaN, 0 where a joint is not detected."""
-    return distinct_people(known_joints(people.joints, size_wh, options.joint_score), people.xyxy, options)
+    poses = known_joints(people.joints, size_wh, options.joint_score)
+    return poses[distinct_people(poses, people.xyxy, options)]
 
 
 def known_joints(poses: Floats, size_wh: tuple[int, int], joint_score: float) -> Floats:
@@ -48,22 +49,24 @@ def known_joints(poses: Floats, size_wh: tuple[int, int], joint_score: float) ->
     return np.asarray(np.where(known[..., None], poses, [np.nan, np.nan, 0.0]))
 
 
-def distinct_people(poses: Floats, boxes_xyxy: Floats, options: PeopleOptions) -> Floats:
-    """Poses (P, 17, 3) of enough joints, each person once.
+def distinct_people(poses: Floats, boxes_xyxy: Floats, options: PeopleOptions, *, hint: Bools | None = None) -> Ints:
+    """Which of the poses (P, 17, 3) have enough joints, each person once, ascending.
 
     Boxes that overlap too little to be one box can still show one person, and a pose network may find the
-    nearer neighbour in both. Of two poses whose shared joints agree, the one with the higher mean score stays.
+    nearer neighbour in both. Of two poses whose shared joints agree, the one with the higher mean score stays; a
+    ``hint`` (P,) never displaces somebody who is none.
     """
     known = poses[..., 2] > 0
     extent = (boxes_xyxy[:, 2:] - boxes_xyxy[:, :2]).max(axis=1)
     kept: list[int] = []
-    for idx in np.argsort(-poses[..., 2].mean(axis=1), kind="stable"):
+    last = np.zeros(len(poses), dtype=np.bool_) if hint is None else hint
+    for idx in np.lexsort((-poses[..., 2].mean(axis=1), last)):
         if known[idx].sum() >= options.min_joints and not any(
             _mean_distance(poses[idx], poses[other]) < options.duplicate_distance * max(extent[idx], extent[other])
             for other in kept
         ):
             kept.append(int(idx))
-    return poses[sorted(kept)]
+    return np.array(sorted(kept), dtype=np.int64)
 
 
 def _mean_distance(first: Floats, second: Floats) -> float:

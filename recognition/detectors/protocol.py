@@ -34,6 +34,8 @@ class ModelInfo:
     """As the manifest states it."""
     notice: str = ""
     """What whoever uses a result of this network must know; empty where there is nothing."""
+    manifest_sha256: str = ""
+    """SHA-256 of what the manifest says, thresholds among it, hexadecimal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -223,6 +223,22 @@ def test_each_class_has_the_threshold_of_the_manifest(tmp_path, score, count):
     assert len(found.object_class) == count
 
 
+HINTS = SITE.replace("min_joints", "hint_score = 0.2\nmin_joints")
+
+
+@pytest.mark.parametrize(("score", "people", "hints"), [(0.41, 1, []), (0.39, 1, [0]), (0.21, 1, [0]), (0.19, 0, [])])
+def test_somebody_who_scores_too_little_is_a_hint(tmp_path, score, people, hints):
+    detector = bundle(tmp_path, site_network(person=score), site_text=HINTS)
+    found = detector.detect(IMAGE)
+    assert (len(found.people_px), found.hints.tolist()) == (people, hints)
+    assert len(detector.people(IMAGE).joints) == people - len(hints)
+    assert detector.boxes(IMAGE).classes == ("person",) * (people - len(hints))
+
+
+def test_without_a_score_for_hints_there_are_none(tmp_path):
+    assert len(bundle(tmp_path, site_network(person=0.39)).detect(IMAGE).people_px) == 0
+
+
 def test_boxes_are_cut_to_the_image(tmp_path):
     found = bundle(tmp_path, site_network([("ladder", 0.7, (340, -30, 600, 100))])).detect(IMAGE)
     assert found.object_xyxy == pytest.approx(np.array([[340 * TIMES - 0.5, -0.5, 1919.5, 100 * TIMES - 0.5]]))
@@ -248,6 +264,18 @@ def test_a_hat_of_a_crop_goes_before_the_same_of_the_whole_image(tmp_path):
     assert found.object_xyxy[0] == pytest.approx(hat_px(), abs=1e-3)
     assert found.object_keypoints_px[0, 0] == pytest.approx(hat_px().reshape(2, 2).mean(axis=0), abs=1e-3)
     assert np.isnan(found.object_keypoints_px[0, 1:]).all()
+
+
+@pytest.mark.parametrize(("score", "count"), [(0.39, 0), (0.41, 1)])
+def test_a_hat_that_a_crop_shows_and_only_the_whole_image_has_needs_the_score_of_crops(tmp_path, score, count):
+    found = bundle(tmp_path, site_network([site_hat(score, hat_px())])).detect(IMAGE)
+    assert len(found.object_class) == count
+
+
+def test_a_hat_that_no_crop_shows_needs_the_score_of_whole_images(tmp_path):
+    far = hat_px() + [400, 0, 400, 0]
+    found = bundle(tmp_path, site_network([site_hat(0.31, far)])).detect(IMAGE)
+    assert found.object_xyxy == pytest.approx(far[None], abs=1e-3)
 
 
 def test_a_hat_that_no_crop_shows_stays(tmp_path):
@@ -380,6 +408,8 @@ def test_a_manifest_of_another_family_is_refused(tmp_path):
         (SITE, SITE.replace("ladder = 3", "ladder = 5"), "entry keypoints.ladder: input should be less than or equal"),
         (SITE, SITE.replace("ladder = 0.5, ", ""),
          "entry score_thresholds: value error, one for each of the classes is needed, not so: ladder"),
+        (SITE, SITE.replace("min_joints", "hint_score = 0.4\nmin_joints"),
+         "entry hint_score: value error, must be below the score_threshold of person"),
         (SITE, SITE.replace("min_joints = 4", ""), "entry min_joints: field required"),
         (SITE, SITE.replace("date =", "day ="), "entry trained.date: field required"),
         (WORKER, WORKER.replace('"nose"', '"neck"'), "entry joints: value error, none of the 17 joints: neck"),

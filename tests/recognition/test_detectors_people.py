@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from recognition.detectors import Boxes, Detector, ModelInfo, OneStagePeople, People, PeopleAndObjects, PeopleOptions
+from recognition.detectors.people import distinct_people
 from recognition.errors import ModelError
 from rigcal.errors import OptionError
 
@@ -106,6 +107,12 @@ def test_two_boxes_on_one_person_give_one_person_and_the_better_pose():
     boxes = FakeBoxes(box(100, 100), box(100, 160))
     found = PeopleAndObjects(boxes, FakePoses(worse, better)).detect(IMAGE)
     assert found.people_px == pytest.approx(better[None, :, :2])
+
+
+def test_a_hint_never_displaces_somebody_who_is_none():
+    poses, boxes = np.stack([pose(103, 102), pose(100, 100, score=0.5)]), np.array([box(100, 100)[1]] * 2)
+    assert distinct_people(poses, boxes, PeopleOptions()).tolist() == [0]
+    assert distinct_people(poses, boxes, PeopleOptions(), hint=np.array([True, False])).tolist() == [1]
 
 
 def test_two_people_one_behind_the_other_stay_two():

@@ -18,7 +18,7 @@ from tools.train.fit import FitOptions, fit, learning_rate  # noqa: E402
 from tools.train.lanes import Lanes  # noqa: E402
 from tools.train.losses import SiteLoss, WorkerLoss  # noqa: E402
 from tools.train.networks import SiteNetwork, WorkerNetwork, boxes_from  # noqa: E402
-from tools.train.samples import Shuffled, SiteSamples, WorkerSamples, collate  # noqa: E402
+from tools.train.samples import BARE_TIMES, Shuffled, SiteSamples, WorkerSamples, collate  # noqa: E402
 from tools.train.warp import Mirror  # noqa: E402
 
 CENTRES, STRIDES = (torch.from_numpy(values).float() for values in site_cells())
@@ -158,6 +158,19 @@ def test_samples_follow_from_their_key():
             assert (found.boxes <= np.tile(size, 2)).all()
     assert samples[(0, 0)][1].classes[0] == 0
     assert sorted(Shuffled(5, 1)) == [(0, index) for index in range(5)]
+
+
+def test_bare_heads_come_several_times_an_epoch_and_never_alike():
+    images = np.random.default_rng(2).integers(0, 256, (3, CROP_WH[1], CROP_WH[0], 3)).astype(np.uint8)
+    hatted, bare = (
+        truth([[60, 60, 120, 200], [80, 120, 100, 140]], classes=[0, 1], flag=2.0),
+        truth([[60, 60, 120, 200]], flag=2.0),
+    )
+    samples = WorkerSamples(Cache(images, (hatted, bare, hatted)), Mirror.of(CATEGORIES), 5)
+    assert len(samples) == 3 + BARE_TIMES - 1
+    shown = [samples[4, number] for number in range(len(samples))]
+    assert [len(found.classes) for _, found in shown] == [2, 1, 2] + [1] * (BARE_TIMES - 1)
+    assert len({image.tobytes() for image, _ in shown}) == len(samples)
 
 
 def test_the_rate_rises_and_falls():

@@ -15,7 +15,7 @@ from tools.train.__main__ import main
 from tools.train.coco import DataError, read_split
 from tools.train.facts import digests, read_facts
 from tools.train.package import package, read_toml
-from tools.train.predict import crops_alone, load_networks, open_thresholds, whole_alone
+from tools.train.predict import SiteAlone, crops_alone, load_networks, open_thresholds
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_the_other_networks_export_is_refused(made, tmp_path):
 
 def test_networks_can_be_asked_alone(models):
     image = np.full((288, 512, 3), 90, np.uint8)
-    found = load_networks(models, "fp32", whole_alone(models, "fp32")).find(image)
+    found = SiteAlone(models / "site.onnx").find(image)
     assert found.classes.tolist() == [0, 1, 2]
     assert found.scores == pytest.approx(list(SCORES.values()))
     assert found.boxes[:2] == pytest.approx(np.stack([PERSON, HAT]), abs=1e-3)

@@ -20,6 +20,7 @@ In import order::
     warp        augmentation of places: scale, shift, mirror, turn, two images as one
     cache       decoded images and crops of workers in memory maps
     pixels      augmentation of colours: light, blur, noise, compression, holes
+    heads       heads in crops: which are bare, and their augmentation
     networks, assign, losses, samples, lanes, fit, export
     facts       files of figures
     package     the files that the package ships, with their manifests

@@ -76,7 +76,9 @@ class SiteAlone:
         found = decode_site(scores[0], places[0], threshold=_OTHERS)
         joints = np.where((found.classes == 0)[:, None, None], found.joints, 0.0)
         joints[..., :2] = fit.image_px(joints[..., :2]) + 0.5
-        boxes, keypoints = fit.image_xyxy(found.boxes) + 0.5, fit.image_px(found.keypoints) + 0.5
+        height, width = image.shape[:2]
+        boxes = np.clip(fit.image_xyxy(found.boxes) + 0.5, 0.0, [width, height, width, height])
+        keypoints = fit.image_px(found.keypoints) + 0.5
         return Found(found.classes, found.scores, boxes, joints, keypoints)
 
 
@@ -116,11 +118,6 @@ def crops_alone(models: Path, precision: str) -> Thresholds:
     """As open, with joints and hats of the worker network only."""
     classes = dict.fromkeys(classes_of(models, precision), _OTHERS) | {HARD_HAT: NEVER}
     return Thresholds(classes, NEVER, ALWAYS, _OTHERS)
-
-
-def whole_alone(models: Path, precision: str) -> Thresholds:
-    """As open, with joints and hats of the site network only."""
-    return Thresholds(dict.fromkeys(classes_of(models, precision), _OTHERS), ALWAYS, NEVER, NEVER)
 
 
 def load_networks(models: Path, precision: str, thresholds: Thresholds) -> Networks:

@@ -19,12 +19,16 @@ from recognition.detectors.bundled.geometry import SITE_WH, WORKER_WH
 from rigcal.geometry import Floats
 from tools.train.cache import CACHED_WH, CROP_WH, DENSITY, Cache
 from tools.train.coco import Truth
+from tools.train.heads import bareheaded, cut_at, head_of, spotlit, worker_first
 from tools.train.pixels import holed, recoloured
 from tools.train.warp import Mirror, hidden, side_by_side, similarity, warp_image, warp_truth
 
 Image = NDArray[np.uint8]
 Key = tuple[int, int]
 """Epoch and number of the sample."""
+BARE_TIMES = 4
+"""How often an epoch shows a bare head. In the 12,262 training crops 10,489 heads are seen, 1,286 of them bare: four
+times that makes more than one of three."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,22 +109,37 @@ class SiteSamples(Dataset[tuple[Image, Truth]]):
 
 
 class WorkerSamples(Dataset[tuple[Image, Truth]]):
-    """Augmented crops; the first annotation is the worker in the middle, hats follow."""
+    """Augmented crops; the first annotation is the worker in the middle, hats follow.
+
+    Crops of bare heads come ``BARE_TIMES`` times an epoch, each time augmented differently. Seven of eight heads in
+    the data wear a hat, and a network that sees them as they come learns that there is one wherever a head is. So the
+    bundled one did until its epoch 40: of the validation pictures it took 13 % of the bare heads for hats while it
+    missed 12 % of the hats that are worn. After 12 more epochs like this it was 8 % while it missed as many.
+    """
 
     def __init__(self, cache: Cache, mirror: Mirror, seed: int) -> None:
         self._cache, self._mirror, self._seed = cache, mirror, seed
+        bare = [idx for idx, truth in enumerate(cache.truths) if bareheaded(truth)]
+        self._crops = np.concatenate([np.arange(len(cache.truths)), np.tile(bare, BARE_TIMES - 1)]).astype(int)
+        """(samples,) crop of each sample."""
 
     def __len__(self) -> int:
-        return len(self._cache.truths)
+        return len(self._crops)
 
     def __getitem__(self, key: Key) -> tuple[Image, Truth]:
         """The sample of a key."""
         rng = np.random.default_rng((self._seed, *key))
+        crop = self._crops[key[1]]
         matrix = _crop_matrix(rng)
-        image = warp_image(self._cache.images[key[1]], matrix, WORKER_WH)
-        truth = warp_crop(self._cache.truths[key[1]], matrix, self._mirror)
+        image = warp_image(self._cache.images[crop], matrix, WORKER_WH)
+        truth = warp_crop(self._cache.truths[crop], matrix, self._mirror)
+        head = head_of(truth)
+        if head is not None and rng.random() < 0.3:
+            image = spotlit(image, rng, head)
+        if head is not None and rng.random() < 0.06:
+            image, truth = cut_at(image, truth, rng, head)
         if rng.random() < 0.35:
-            donor = self._cache.images[int(rng.integers(len(self)))][: WORKER_WH[1], : WORKER_WH[0]]
+            donor = self._cache.images[int(rng.integers(len(self._cache.truths)))][: WORKER_WH[1], : WORKER_WH[0]]
             image, holes = holed(image, rng, donor)
             truth = hidden(truth, holes)
         return recoloured(image, rng), truth
@@ -145,11 +164,8 @@ def plain_crop() -> Floats:
 
 def warp_crop(truth: Truth, matrix: Floats, mirror: Mirror) -> Truth:
     """The truth of a crop under (2, 3); the worker in the middle stays the first annotation whatever is left of him."""
-    worker = warp_truth(truth.picked([0]), matrix, WORKER_WH, mirror)
-    if not len(worker.classes):
-        worker = Truth(truth.classes[:1], np.zeros((1, 4)), np.zeros((1, 17, 3)), np.ones(1, dtype=bool))
-    hats = warp_truth(truth.picked(slice(1, None)), matrix, WORKER_WH, mirror)
-    return Truth(*(np.concatenate([getattr(worker, name), getattr(hats, name)]) for name in Truth.__slots__))
+    parts = [warp_truth(truth.picked(part), matrix, WORKER_WH, mirror) for part in ([0], slice(1, None))]
+    return worker_first(truth, *parts)
 
 
 class Shuffled(Sampler[Key]):

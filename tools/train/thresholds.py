@@ -19,9 +19,10 @@ from recognition.detectors.bundled.manifests import HARD_HAT
 from rigcal.geometry import Bools, Floats
 from tools.train.coco import DataSet
 from tools.train.evaluate import Result, decoded, run, scored_boxes
+from tools.train.facts import stem
 from tools.train.metrics import AREA_OF_BOX, SIGMAS, Scored, matched
 from tools.train.package import Thresholds, preliminary
-from tools.train.predict import classes_of, crops_alone, load_networks, whole_alone
+from tools.train.predict import SiteAlone, classes_of, crops_alone, load_networks
 
 _STEPS = 10_000
 """Thresholds are rounded down to so many parts of 1, lest what is at the threshold be lost."""
@@ -104,7 +105,7 @@ def choose(
     """Thresholds of both networks of a precision, and what each brings."""
     names = classes_of(models, precision)
     crops, _ = run(load_networks(models, precision, crops_alone(models, precision)), decoded(data), say)
-    whole, _ = run(load_networks(models, precision, whole_alone(models, precision)), decoded(data), say)
+    whole, _ = run(SiteAlone(models / f"{stem('site', precision)}.onnx"), decoded(data), say)
     choices: dict[str, Choice | None] = {
         name: choice_of_boxes([scored_boxes(result, label) for result in whole]) for label, name in enumerate(names)
     }

@@ -19,7 +19,7 @@ from recognition.detectors.bundled.manifests import (
 )
 from recognition.detectors.bundled.site import SiteNetwork
 from recognition.detectors.bundled.worker import WorkerNetwork
-from recognition.detectors.manifest import InputSpec, read_manifest
+from recognition.detectors.manifest import InputSpec, manifest_digest, read_manifest
 from recognition.detectors.network import Network
 from recognition.detectors.protocol import ModelInfo
 from recognition.errors import ModelError
@@ -104,7 +104,11 @@ def _read(path: Path, family: str, form: type[ManifestT]) -> tuple[bytes, Manife
             got=f"SHA-256 {sha256}",
             do_next="install the package again with its model files",
         )
-    return onnx, manifest, ModelInfo(path.name, sha256, family, manifest.licence, manifest.notice)
+    return (
+        onnx,
+        manifest,
+        ModelInfo(path.name, sha256, family, manifest.licence, manifest.notice, manifest_digest(manifest)),
+    )
 
 
 def _require_outputs(network: Network, path: Path, names: tuple[str, ...], shapes: tuple[tuple[int, ...], ...]) -> None:

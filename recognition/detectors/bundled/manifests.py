@@ -47,6 +47,8 @@ class SiteManifest(BundledManifest):
     """How many keypoints the classes have that have any."""
     score_thresholds: dict[Text, Score]
     """For each class: detections below it are dropped."""
+    hint_score: Score | None = None
+    """Somebody who scores less than ``person`` asks but this much is a hint; without it nobody is."""
     joint_score: Score
     """A joint less surely visible is not detected."""
     min_joints: Annotated[int, Field(ge=1, le=17)]
@@ -67,6 +69,13 @@ class SiteManifest(BundledManifest):
         unknown = sorted(set(value) - set(info.data.get("classes", (PERSON, *value))[1:]))
         if unknown:
             raise ValueError(f"none of the classes of objects: {', '.join(unknown)}")
+        return value
+
+    @field_validator("hint_score")
+    @classmethod
+    def _below_people(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if value is not None and value >= info.data.get("score_thresholds", {}).get(PERSON, 1.0):
+            raise ValueError(f"must be below the score_threshold of {PERSON}")
         return value
 
     @field_validator("score_thresholds")
