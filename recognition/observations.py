@@ -46,6 +46,9 @@ class ViewDetections:
     object_keypoints_px: Floats = field(default_factory=lambda: np.zeros((0, 4, 2)))
     """(K, 4, 2) up to four keypoints of each object, in one of the orders that its class has, which differs between
     views (:mod:`recognition.keypoints`); NaN where one was not detected. Without it: none was."""
+    hints: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """(H,) which of the people, ascending, scored too little to count alone: they count only together with what another
+    camera saw. Without it: none."""
 
     def __post_init__(self) -> None:
         people, objects = len(self.people_px), len(self.object_class)
@@ -56,11 +59,19 @@ class ViewDetections:
         freeze(self, np.float64, people_px=(people, 17, 2), people_score=(people, 17))
         freeze(self, np.float64, object_xyxy=(objects, 4), object_score=(objects,))
         freeze(self, np.float64, object_keypoints_px=(objects, 4, 2))
+        freeze(self, np.int64, hints=(None,))
+        if len(self.hints) and np.isin(np.arange(people), self.hints).sum() < len(self.hints):
+            raise ValueError(f"hints: expected some of the {people} people, each once, got {self.hints.tolist()}")
 
     @classmethod
     def empty(cls) -> ViewDetections:
         """Nothing seen."""
         return cls(np.zeros((0, 17, 2)), np.zeros((0, 17)), (), np.zeros((0, 4)), np.zeros(0))
+
+    @property
+    def counted(self) -> Ints:
+        """(P - H,) which of the people are no hints, ascending."""
+        return np.delete(np.arange(len(self.people_px)), self.hints)
 
     @property
     def object_px(self) -> Floats:

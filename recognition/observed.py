@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from recognition.optics import Optics
 from rigcal.errors import OptionError
 from rigcal.geometry import Bools, Floats, Ints
 
+ValuesT = TypeVar("ValuesT", Floats, Bools)
 KEYPOINTS = 4
 """Of an object, at the most."""
 _LEAST_SCORE = 0.1
@@ -85,6 +87,8 @@ class Detected:
     """(N + 1, J) m^2: over the depth squared it is the other part."""
     size_rad: Floats
     """(N, 2) width and height of its box; 0 for people."""
+    hint: Bools
+    """(N + 1,) whether it counts only together with what another camera saw; true of the one that saw nothing."""
 
     @property
     def count(self) -> int:
@@ -95,7 +99,7 @@ class Detected:
         """With the first so many points only."""
         return Detected(
             self.view, self.index, self.ends, self.label, self.factors[..., :count], self.seen[:, :count],
-            self.angle_var[:, :count], self.spread_var[:, :count], self.size_rad,
+            self.angle_var[:, :count], self.spread_var[:, :count], self.size_rad, self.hint,
         )  # fmt: skip
 
 
@@ -125,7 +129,7 @@ def observe(
         people.view, people.index, people.ends, np.zeros(len(people.view), dtype=np.int64),
         _factors(optics, people, people_px, seen), seen,
         doubt * np.append(model.joint_px**2 * pixel_var[people.view], 1.0)[:, None], model.joint_m**2 * doubt,
-        np.zeros((len(people.view), 2)),
+        np.zeros((len(people.view), 2)), people.of_all(_hints(views)),
     )  # fmt: skip
     return who, _objects(optics, views, labels, model, keypoints)
 
@@ -155,7 +159,19 @@ def _objects(
     return Detected(
         things.view, things.index, things.ends, numbers if things.whole else numbers[things.kept],
         _factors(optics, things, points_px, seen), seen, variance, np.zeros(seen.shape), size_rad,
+        np.arange(len(seen)) == len(seen) - 1,
     )  # fmt: skip
+
+
+def _hints(views: Sequence[ViewDetections]) -> Bools:
+    """Of the people of all views, and after them of one that saw nothing."""
+    hint = np.zeros(sum(len(view.people_score) for view in views) + 1, dtype=np.bool_)
+    hint[-1] = True
+    first = 0
+    for view in views:
+        hint[first + view.hints] = True
+        first += len(view.people_score)
+    return hint
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +194,7 @@ class _Rows:
         whole = bool(wanted.all())
         return _all_rows(counts) if whole else _some_rows(counts, np.flatnonzero(wanted), whole)
 
-    def of_all(self, values: Floats) -> Floats:
+    def of_all(self, values: ValuesT) -> ValuesT:
         """Those that are kept, and the last, of values of all (and one more)."""
         return values if self.whole else values[np.append(self.kept, -1)]
 

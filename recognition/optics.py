@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from rigcal.camera import Camera
-from rigcal.geometry import Floats, Ints, freeze
+from rigcal.geometry import Bools, Floats, Ints, freeze
 from rigcal.rig import ClockModel, Rig
 
 NEAREST_M = 0.1
@@ -93,6 +93,8 @@ class Optics:
     pose_doubt: Floats | None
     """(10, V): times ``(xx, xy, xz, yy, yz, zz, x, y, z, 1)`` of a point it is the variance, m^2, with which each
     camera sees it elsewhere since its own pose is not exact; None where no covariance is known."""
+    border: Floats
+    """(4, V) least and largest x, least and largest y, normalised, of a rectangle that each image holds."""
     normal_basis: Floats
     """(9, 4 V): times ``(1, x, y, x^2 + y^2)`` of every view, with weights, it is the normal matrix's entries 00 01 02
     11 12 22 and the right-hand side, summed over views."""
@@ -101,7 +103,7 @@ class Optics:
         views = len(self.lenses)
         freeze(self, np.float64, rotation=(views, 3, 3), translation_m=(views, 3), centre_m=(views, 3))
         freeze(self, np.float64, pixel_rad=(views,), stacked=(3 * views, 3), shift_m=(3, views, 1))
-        freeze(self, np.float64, normal_basis=(9, 4 * views))
+        freeze(self, np.float64, normal_basis=(9, 4 * views), border=(4, views))
 
     @classmethod
     def of(cls, rig: Rig) -> Optics:
@@ -109,8 +111,9 @@ class Optics:
         rotation = np.array([entry.cam_from_rig.rotation for entry in rig.cameras])
         translation_m = np.array([entry.cam_from_rig.translation_m for entry in rig.cameras])
         cameras = [entry.camera for entry in rig.cameras]
+        lenses = tuple(Lens.of(camera) for camera in cameras)
         return cls(
-            lenses=tuple(Lens.of(camera) for camera in cameras),
+            lenses=lenses,
             rotation=rotation,
             translation_m=translation_m,
             centre_m=-np.einsum("vji,vj->vi", rotation, translation_m),
@@ -119,6 +122,7 @@ class Optics:
             shift_m=translation_m.T[:, :, None],
             clocks=tuple(entry.clock for entry in rig.cameras),
             pose_doubt=_pose_doubt(rig),
+            border=np.array([_border(*one) for one in zip(lenses, cameras, strict=True)]).T,
             normal_basis=_normal_basis(rotation, translation_m),
         )
 
@@ -138,6 +142,13 @@ class Optics:
     def in_cameras(self, points_m: Floats) -> Floats:
         """(3, V, N) coordinates of points (N, 3) in every camera's frame."""
         return np.asarray((self.stacked @ points_m.T).reshape(3, self.views, len(points_m)) + self.shift_m)
+
+    def in_images(self, points_m: Floats, margin_m: float) -> Bools:
+        """(V, N) whether each image holds points (N, 3), and what is this near to them on all sides."""
+        x, y, depth = self.in_cameras(points_m)
+        left, right, top, bottom = self.border[:, :, None] * np.maximum(depth, NEAREST_M)
+        inside = (np.minimum(x - left, right - x) > margin_m) & (np.minimum(y - top, bottom - y) > margin_m)
+        return np.asarray(inside & (depth > NEAREST_M))
 
     def turned(self, vectors: Floats) -> Floats:
         """(3, V, N) vectors (N, 3) of the rig frame in every camera's frame."""
@@ -177,6 +188,15 @@ def midpoints(first_m: Floats, first_ray: Floats, second_m: Floats, second_ray: 
     from_second = (cosine * along_first - along_second) / square
     ends = first_m + from_first[..., None] * first_ray, second_m + from_second[..., None] * second_ray
     return np.asarray((ends[0] + ends[1]) / 2), np.asarray(np.sqrt(square))
+
+
+def _border(lens: Lens, camera: Camera) -> tuple[float, float, float, float]:
+    """Least and largest x, least and largest y of a rectangle that the image holds, its border being curved."""
+    width, height = camera.size_wh
+    across, down = np.linspace(-0.5, width - 0.5, 9), np.linspace(-0.5, height - 0.5, 9)
+    grid = lens.undistorted(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)).reshape(9, 9, 2)
+    (left, right), (top, bottom) = grid[:, [0, -1], 0].T, grid[[0, -1], :, 1]
+    return float(left.max()), float(right.min()), float(top.max()), float(bottom.min())
 
 
 def _normal_basis(rotation: Floats, translation_m: Floats) -> Floats:

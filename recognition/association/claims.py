@@ -9,6 +9,7 @@ is that of the least total cost in each view (the Hungarian method).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import log, log1p
 
 import numpy as np
@@ -24,6 +25,20 @@ WORST_RATIO = 400.0
 """How much larger than the detector's a prediction's variance may be before it claims only what nobody else does."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Claims:
+    """What T tracks claim in V views."""
+
+    rows: Ints
+    """(T, V) of the detections, -1 where none."""
+    sigmas: Floats
+    """(T, V) how far each is: as if all joints were so many standard deviations away; 0 where none is claimed."""
+
+    def beyond(self, sigmas: float) -> Bools:
+        """(T, V) which claims are of detections that are farther away than this."""
+        return np.asarray(self.sigmas > sigmas)
+
+
 def claim(
     optics: Optics,
     detected: Detected,
@@ -35,8 +50,8 @@ def claim(
     across: Floats | None = None,
     min_shared: int,
     max_sigmas: float,
-) -> Ints:
-    """(T, V) row of the detection that each track claims in each view, -1 where none.
+) -> Claims:
+    """The detection that each track claims in each view.
 
     Args:
         optics: Of the rig.
@@ -50,31 +65,31 @@ def claim(
         min_shared: How many points a track and a detection must share.
         max_sigmas: Largest distance.
     """
-    members = np.full((len(place_m), optics.views), -1)
+    found = Claims(np.full((len(place_m), optics.views), -1), np.zeros((len(place_m), optics.views)))
     if not (len(place_m) and detected.count):
-        return members
+        return found
     in_cam = optics.in_cameras(place_m.reshape(-1, 3)).reshape(3, -1, *known.shape)
     at_once = max(1, POINTS_AT_ONCE // known.size)
-    benefit = np.concatenate(
-        [
-            _benefits(
-                in_cam, detected, slice(first, min(first + at_once, detected.count)), variance, known, label, across,
-                min_shared, max_sigmas,
-            )
-            for first in range(0, detected.count, at_once)
-        ]
-    )  # fmt: skip
+    parts = [
+        _benefits(
+            in_cam, detected, slice(first, min(first + at_once, detected.count)), variance, known, label, across,
+            min_shared, max_sigmas,
+        )
+        for first in range(0, detected.count, at_once)
+    ]  # fmt: skip
+    benefit, cost = parts[0] if len(parts) == 1 else (np.concatenate(each) for each in zip(*parts, strict=True))
     pairs = [
         (linear_sum_assignment(benefit[first:end], maximize=True), first)
         for first, end in zip(detected.ends, detected.ends[1:], strict=False)
         if end > first
     ]
-    rows = np.concatenate([found + first for (found, _), first in pairs])
+    rows = np.concatenate([row + first for (row, _), first in pairs])
     tracks = np.concatenate([track for (_, track), _ in pairs])
     taken = benefit[rows, tracks] > 0
     rows, tracks = rows[taken], tracks[taken]
-    members[tracks, detected.view[rows]] = rows
-    return members
+    found.rows[tracks, detected.view[rows]] = rows
+    found.sigmas[tracks, detected.view[rows]] = np.sqrt(DEGREES * np.expm1(cost[rows, tracks]))
+    return found
 
 
 def _benefits(
@@ -87,8 +102,8 @@ def _benefits(
     across: Floats | None,
     min_shared: int,
     max_sigmas: float,
-) -> Floats:
-    """(R, T) how much likelier the pair is than none; 0 where it is refused.
+) -> tuple[Floats, Floats]:
+    """(R, T) how much likelier the pair is than none, 0 where it is refused; and its cost (R, T).
 
     ``in_cam`` (3, V, T, J) has the tracks' points in all cameras; ``rows`` are those of R detections.
     """
@@ -111,4 +126,4 @@ def _benefits(
     able = (count >= min_shared) & (mean < limit) & (detected.label[rows, None] == label)
     if across is not None:
         able &= across[view] > 0
-    return np.where(able, np.maximum(gain, 1e-6), 0.0)
+    return np.where(able, np.maximum(gain, 1e-6), 0.0), mean

@@ -6,6 +6,13 @@ apart who stand in one epipolar plane, as heads and hats do before cameras at th
 then looked for in every other view. The hypothesis that explains most detections becomes a group and takes them away
 from the others, until none is left. A group is consistent around every cycle of its views, since all of them agree
 with one place in 3D.
+
+A hint, somebody who scored too little to count alone, begins no group with another hint, but joins a group and is
+claimed by a track like anybody else. Detectors score low whoever stands behind others, and it is those of whom few
+cameras see anything. ByteTrack has a second threshold for the same reason (Zhang et al., 2022); it asks the past, this
+the other cameras too. In nine rendered sequences of four workers (eight of validation, the demo), 2480 times a worker,
+the bundled networks' people (scores from 0.44 on) place a worker 2093 times, and one who is not there 11 times; with
+hints from 0.15 on that is 2352 and 6 times, and 2346 and 51 times where the same people are no hints.
 """
 
 from __future__ import annotations
@@ -109,6 +116,7 @@ def _pairs(detected: Detected, free: Ints) -> tuple[Ints, Ints]:
     first, second = pairs(len(free))
     first, second = free[first], free[second]
     able = (detected.view[first] != detected.view[second]) & (detected.label[first] == detected.label[second])
+    able &= ~(detected.hint[first] & detected.hint[second])
     return first[able], second[able]
 
 

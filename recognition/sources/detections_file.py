@@ -142,15 +142,15 @@ def write_detections(
     Args:
         path: of the file; it is overwritten.
         frames: (F,) frames from number 0, each with one entry per camera of the rig. Scores and pixels are stored
-            as float32.
+            as float32; hints are left out, for which the file has no word.
         time_s: (F,) seconds of the frames, or (F, V) by camera; None to write none.
     """
     flat = [(number, view, seen) for number, views in enumerate(frames) for view, seen in enumerate(views)]
-    people = [len(seen.people_px) for _, _, seen in flat]
+    people = [len(seen.counted) for _, _, seen in flat]
     objects = [len(seen.object_class) for _, _, seen in flat]
     number, view = np.array([[n, v] for n, v, _ in flat], dtype=np.int64).reshape(-1, 2).T
     keypoints = np.concatenate(
-        [np.zeros((0, 17, 3)), *(np.dstack([seen.people_px, seen.people_score]) for _, _, seen in flat)]
+        [np.zeros((0, 17, 3)), *(np.dstack([seen.people_px, seen.people_score])[seen.counted] for _, _, seen in flat)]
     )
     keypoints[np.isnan(keypoints).any(axis=-1)] = 0.0
     arrays: dict[str, NDArray[Any]] = {

@@ -46,7 +46,8 @@ def met(
     Args:
         tracks: Predicted.
         members: (T, V) what they claimed.
-        held: (T, V) what those who do not know their place would claim: a group that has it is theirs.
+        held: (T, V) what they would claim if it is nobody else's: where they do not know their place, or what lies far
+            from it. A group that has it is theirs if they claimed nothing; what no group has they keep.
         groups: Of what was not claimed.
         label: (G,) classes of the groups.
         lost: (T,) whose prediction is worth little: found, they start again from where they are.
@@ -56,6 +57,9 @@ def met(
     if not len(groups.members):
         return tracks, np.maximum(members, held)
     waiting = np.flatnonzero((members < 0).all(axis=1))
+    grouped = np.zeros(max(held.max(initial=-1), groups.members.max()) + 2, dtype=np.bool_)
+    grouped[groups.members] = True
+    members = np.where((members < 0) & ~grouped[held], held, members)
     taken = np.zeros(len(groups.members), dtype=np.bool_)
     if len(waiting):
         apart_m = distances_m(tracks.rows(waiting), groups.place_m)
@@ -65,9 +69,6 @@ def met(
         apart_m = np.where(theirs, apart_m / _HELD, apart_m)
         apart_m += _CANDIDATES_LAST_M * (tracks.track_id[waiting, None] == 0)
         rows, columns = match(np.where(able, apart_m, np.inf), np.inf)
-        grouped = np.zeros(max(held.max(initial=-1), groups.members.max()) + 2, dtype=np.bool_)
-        grouped[groups.members] = True
-        members = np.where((members < 0) & ~grouped[held], held, members)
         members[waiting[rows]] = groups.members[columns]
         taken[columns] = True
         again = lost[waiting[rows]]

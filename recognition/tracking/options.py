@@ -30,14 +30,18 @@ class FollowOptions:
     100 at 5 and 6; crowds of eight, and OpenPose, are alike from 3 to 6."""
     group_sigmas: float = 3.0
     """How far the joints of two detections that no track claimed may be from each other's epipolar lines. Crowds of
-    eight and the simulated rigs are alike from 2 to 4."""
+    eight and the simulated rigs are alike from 2 to 4. A claim from farther away gives way to a group, and a hint is
+    not claimed from there: in nine rendered sequences (eight of validation, the demo) 0.3 % of the claims of the worker
+    whom a track follows are farther, 17 % of those of another, and 52 % of those of nobody. At 2 instead, 13 of 2352
+    sights of workers are lost and 9 false ones come."""
     thing_sigmas: float = 4.0
     """The same two for objects, which have one point. 14 objects are alike from 3 to 6."""
     confident_m: float = 0.25
     """A worker predicted with a larger standard deviation across a camera's rays claims nothing there, and is looked
     for among those whom the remaining detections place. Precision 0.975 at 0.15, 0.986 at 0.25 and 0.4."""
     keep_s: float = 2.5
-    """How long a track that two cameras do not see keeps its identity: an occlusion of two seconds, and some."""
+    """How long a track that two cameras do not see, one of them for sure, keeps its identity: an occlusion of two
+    seconds, and some."""
     candidate_keep_s: float = 0.2
     """The same before it has one; 0.05 to 0.5 s are alike."""
     carry_s: float = 0.5

@@ -1,7 +1,8 @@
 """What of the state is told: the tracks of a scene.
 
 A point is told where it is certain enough, and was seen now or a short time ago; a worker, where two cameras placed
-some of it now or a short time ago: what one camera follows alone is kept in mind, but not told for long.
+some of it now or a short time ago, one of them for sure: what one camera follows alone, or hints alone show, is kept in
+mind, but not told for long.
 """
 
 from __future__ import annotations

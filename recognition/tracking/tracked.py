@@ -1,10 +1,10 @@
 """One instant of the tracked method: predict, claim, group what is left, fuse, and keep the books.
 
-Tracks that are sure of their place claim detections first (:mod:`recognition.association.claims`). What they leave is
-grouped (:mod:`recognition.association.leftovers`), and the groups are found to be workers who were lost, candidates,
-or new. All points of all of them are then updated together (:mod:`recognition.triangulation.fusion`). Hats are claimed
-with the objects; a worker whose hat is not known yet claims one where it would be, above the head, so that hats are
-told apart by their wearers.
+Tracks that are sure of their place claim detections first (:mod:`recognition.association.claims`). What they leave, and
+what a worker's track would only claim from far away, is grouped (:mod:`recognition.association.leftovers`), and the
+groups are found to be workers who were lost, candidates, or new. All points of all of them are then updated together
+(:mod:`recognition.triangulation.fusion`). Hats are claimed with the objects; a worker whose hat is not known yet claims
+one where it would be, above the head, so that hats are told apart by their wearers.
 
 The state goes in and comes out; nothing else is remembered.
 """
@@ -101,7 +101,8 @@ class Follower:
         fused = self._fused(met.workers, met.things.population, sights, t_ns)
         count = met.workers.known.size
         by_joint, by_point = fused.parted(count)
-        workers, limbs = people.settled(met.workers, by_joint, state.limbs, t_ns)
+        firm = np.asarray((~met.who.hint[met.theirs]).any(axis=1))
+        workers, limbs = people.settled(met.workers, by_joint, state.limbs, firm, t_ns)
         things = objects.scattered(self.optics, met.things, by_point, sights.after(count))
         things = objects.settled(things, by_point, met.heads.at(workers), worn, t_ns)
         workers, next_id = _named(workers, self.options.start_worker, state.next_id)
@@ -135,7 +136,7 @@ class Follower:
         if state.t_ns is not None:
             workers, things = later(workers, things, (t_ns - state.t_ns) * 1e-9)
         workers, theirs = people.find(self.optics, workers, who, self.options, t_ns)
-        heads = Heads.of(workers)
+        heads = Heads.of(self.optics, workers, who, theirs)
         objects.wear(things, heads)
         things, its = objects.find(self.optics, things, heads, what, worn, self.options, t_ns)
         what = named(self.optics, what, its, things.population, classes)

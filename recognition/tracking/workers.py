@@ -52,8 +52,11 @@ def find(
         optics, people, place[named], variance[named], workers.known[named], workers.label[named], across=across,
         min_shared=MIN_SHARED, max_sigmas=options.claim_sigmas,
     )  # fmt: skip
+    doubtful = claims.beyond(options.group_sigmas)
+    rows = np.where(doubtful & people.hint[claims.rows], -1, claims.rows)
+    own = sure[named, None] & ~doubtful
     members, held = np.full((2, len(sure), optics.views), -1)
-    members[named], held[named] = np.where(sure[named, None], claims, -1), np.where(sure[named, None], -1, claims)
+    members[named], held[named] = np.where(own, rows, -1), np.where(own, -1, rows)
     free = np.ones(people.count + 1, dtype=np.bool_)
     free[members] = False
     groups = group(
@@ -82,8 +85,12 @@ def _median(variance: Floats, known: Bools) -> Floats:
     return np.asarray(ordered[np.arange(len(known)), np.maximum(known.sum(axis=1) - 1, 0) // 2])
 
 
-def settled(before: Population, fused: Fused, limbs: Limbs, t_ns: int) -> tuple[Population, Limbs]:
-    """Workers and lengths after the update."""
+def settled(before: Population, fused: Fused, limbs: Limbs, firm: Bools, t_ns: int) -> tuple[Population, Limbs]:
+    """Workers and lengths after the update; ``firm`` (T,) says whom a camera sees for sure.
+
+    What hints alone show does not count as placed: a raised arm that a network takes for somebody was told for twelve
+    instants where it did, and for five since.
+    """
     shape = before.known.shape
     views = fused.views.reshape(shape)
     seen, sure = views > 0, views >= 2
@@ -95,7 +102,7 @@ def settled(before: Population, fused: Fused, limbs: Limbs, t_ns: int) -> tuple[
         evidence = evidence + np.where(before.track_id == 0, np.maximum(views - 1, 0).sum(axis=1), 0)
     after = Population(
         before.track_id, before.label, evidence,
-        np.where(sure.sum(axis=1) >= MIN_SHARED, t_ns, before.placed_ns),
+        np.where(firm & (sure.sum(axis=1) >= MIN_SHARED), t_ns, before.placed_ns),
         np.where(seen, t_ns, before.seen_ns), known, fused.motion,
     )  # fmt: skip
     return after, limbs

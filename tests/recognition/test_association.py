@@ -204,6 +204,13 @@ def test_people_and_objects_with_low_scores_are_discarded_and_counted():
     assert not {0, 1} & set(result.objects.members[:, 0].tolist())
 
 
+def test_hints_are_discarded_and_counted():
+    view = crowd(0)[1][0][0].detections
+    result = associate(GEOMETRY, [replace(view, hints=np.array([0, 2])), *[ViewDetections.empty()] * 3])
+    assert result.people.discarded.tolist() == [2, 0, 0, 0]
+    assert not {0, 2} & set(result.people.members[:, 0].tolist())
+
+
 def test_the_score_of_a_person_is_the_mean_over_the_joints_that_were_detected():
     px = crowd(0, workers=1)[1][0][0].detections.people_px[:1].copy()
     px[:, 4:] = np.nan

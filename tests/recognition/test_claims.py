@@ -1,5 +1,7 @@
 """Claims and groups against known workers: simulated views, where each detection carries whom it shows."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,11 +22,18 @@ OPTICS = Optics.of(RIG)
 NOISE = DetectorNoise(pixel_sigma=3.0, missing_joint=0.2, false_per_view=0.3)
 
 
-def instant(seed, workers=4, noise=NOISE, frame=0):
-    """Joints in the rig frame (W, 17, 3), people and boxes, and whom each of the people shows."""
+def instant(seed, workers=4, noise=NOISE, frame=0, sure=range(4)):
+    """Joints in the rig frame (W, 17, 3), people and boxes, and whom each of the people shows.
+
+    People of views that are not ``sure`` are hints.
+    """
     site = simulate(RIG, workers=workers, frames=2, seed=seed)
     views = with_noise(seen_by(site, frame), RIG, noise, seed=[seed, frame])
-    people, boxes = observe(OPTICS, [v.detections for v in views], {}, DetectorModel(), keypoints=False)
+    seen = [
+        v.detections if number in sure else replace(v.detections, hints=np.arange(len(v.worker_idx)))
+        for number, v in enumerate(views)
+    ]
+    people, boxes = observe(OPTICS, seen, {}, DetectorModel(), keypoints=False)
     joints = RIG.world_from_rig.inverse().apply(site.joints_in_world_m[frame])
     return joints, people, boxes, np.concatenate([v.worker_idx for v in views])
 
@@ -34,7 +43,7 @@ def claims(joints, people, variance=0.02**2, sigmas=5.0):
     return claim(
         OPTICS, people, joints, np.full((count, 17), variance), np.ones((count, 17), dtype=bool),
         np.zeros(count, dtype=np.int64), min_shared=3, max_sigmas=sigmas,
-    )  # fmt: skip
+    ).rows  # fmt: skip
 
 
 def groups(people, free=None, sigmas=3.0):
@@ -52,6 +61,18 @@ def test_tracks_claim_their_own_detections(workers):
         assert (members >= 0).sum() == (who >= 0).sum()
 
 
+@pytest.mark.parametrize("sigmas", [0.0, 1.0, 3.0])
+def test_a_claim_says_how_far_the_detection_is(sigmas):
+    joints, people, _, _ = instant(0, 1, DetectorNoise())
+    aside = np.array([1.0, 0.0, 0.0])  # of camera 0, which is the rig frame
+    found = claim(
+        OPTICS, people, joints + sigmas * 0.2 * aside, np.full((1, 17), 0.2**2), np.ones((1, 17), dtype=bool),
+        np.zeros(1, dtype=np.int64), min_shared=3, max_sigmas=5.0,
+    )  # fmt: skip
+    assert found.sigmas[0, 0] == pytest.approx(sigmas, rel=0.05, abs=1e-3)
+    assert found.beyond(2.5)[0, 0] == (sigmas > 2.5)
+
+
 def test_a_track_half_a_metre_away_claims_nothing():
     joints, people, _, _ = instant(0, 1, DetectorNoise())
     assert (claims(joints + [0.5, 0.0, 0.0], people) < 0).sum() >= 3
@@ -62,7 +83,7 @@ def test_of_two_tracks_the_one_that_is_sure_claims_first():
     both, known = np.repeat(joints, 2, axis=0), np.ones((2, 17), dtype=bool)
     variance = np.array([[0.3**2], [0.02**2]]).repeat(17, axis=1)
     label = np.zeros(2, dtype=np.int64)
-    members = claim(OPTICS, people, both, variance, known, label, min_shared=3, max_sigmas=5.0)
+    members = claim(OPTICS, people, both, variance, known, label, min_shared=3, max_sigmas=5.0).rows
     assert (members[0] < 0).all()
     assert (members[1] >= 0).all()
 
@@ -73,7 +94,7 @@ def test_a_view_that_a_track_does_not_ask_gives_it_nothing():
     members = claim(
         OPTICS, people, joints, np.full((1, 17), 4e-4), np.ones((1, 17), dtype=bool), np.zeros(1, dtype=np.int64),
         across=across, min_shared=3, max_sigmas=5.0,
-    )  # fmt: skip
+    ).rows  # fmt: skip
     assert (members[0] >= 0).tolist() == [True, False, True, True]
 
 
@@ -121,6 +142,31 @@ def test_only_free_detections_are_grouped():
     free = np.flatnonzero(who != 2)
     assert {int(who[row[row >= 0][0]]) for row in groups(people, free).members} == {0, 1, 3}
     assert len(groups(people, free[:1]).members) == 0
+
+
+@pytest.mark.parametrize("sure", [[0], [2], [1, 3]])
+def test_hints_join_a_group_that_somebody_sure_began(sure):
+    _, people, _, who = instant(1, 4, DetectorNoise(), sure=sure)
+    found = groups(people).members
+    assert sorted(int(who[row[row >= 0][0]]) for row in found) == [0, 1, 2, 3]
+    assert (found >= 0).sum() == people.count
+
+
+def test_hints_alone_are_no_group_but_are_claimed():
+    joints, people, _, who = instant(1, 4, DetectorNoise(), sure=[])
+    assert people.count == len(who) > 12
+    assert len(groups(people).members) == 0
+    assert (claims(joints, people) >= 0).sum() == people.count
+
+
+def test_people_whose_score_is_too_low_do_not_shift_the_hints():
+    site = simulate(RIG, workers=3, frames=1, seed=1)
+    view = seen_by(site, 0)[0].detections
+    faint = replace(view, people_score=view.people_score * [[1.0], [0.1], [1.0]], hints=np.array([2]))
+    people, boxes = observe(OPTICS, [faint, view, *[ViewDetections.empty()] * 2], {}, DetectorModel(), keypoints=False)
+    assert people.index.tolist() == [0, 2, 0, 1, 2, -1]
+    assert people.hint.tolist() == [False, True, False, False, False, True]
+    assert boxes.hint.tolist() == [False] * boxes.count + [True]
 
 
 def test_bodies_of_inhuman_size_are_no_group():

@@ -1,6 +1,7 @@
 """The --detections file: what is written is read, and every bad form is refused with a message."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,14 @@ def test_what_is_written_is_read(tmp_path):
     for number in file.frames:
         for got, want in zip(file.views(number), frames[number], strict=True):
             assert_same_views(got, want)
+
+
+def test_hints_are_not_written(tmp_path):
+    (view,) = observe(simulate(RIG, workers=3, frames=1), 0)[:1]
+    frame = [replace(view.detections, hints=np.array([0, 2])), *[ViewDetections.empty()] * 3]
+    write_detections(tmp_path / "d.npz", [frame])
+    found = read_detections(tmp_path / "d.npz", RIG).views(0)[0]
+    np.testing.assert_allclose(found.people_px, view.detections.people_px[1:2], rtol=1e-6)
 
 
 def test_the_file_has_the_documented_arrays_and_types(tmp_path):

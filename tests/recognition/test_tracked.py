@@ -154,6 +154,56 @@ def test_one_camera_alone_keeps_an_identity_but_tells_nobody_for_long(walk):
     assert ids(scenes)[-1] == [1]
 
 
+def test_somebody_beside_a_worker_is_found_although_that_worker_might_be_meant():
+    """Two cameras see somebody come; from one of them the worker 0.6 m away is hidden, so that its track would claim
+    the newcomer there at every instant, and leave the other view alone."""
+    both = simulate(RIG, workers=2, frames=20, fps=5.0, seed=0)
+    first = both.joints_in_world_m[:, :1]
+    site = replace(both, joints_in_world_m=np.concatenate([first, first + [0.0, 0.6, 0.0]], axis=1))
+    seen_in = {0: [0, 1], 1: [0], 2: [0], 3: [1]}
+    views = []
+    for frame in range(20):
+        labelled = with_noise(observe(site, frame), RIG, NOISE, seed=[3, frame])
+        shown = [seen_in[n] if frame >= 10 else [0] for n in range(4)]
+        views.append([
+            without_people(without_objects(v.detections), np.flatnonzero(np.isin(v.worker_idx, who)))
+            for v, who in zip(labelled, shown, strict=True)
+        ])  # fmt: skip
+    scenes = placed(RIG, instants(views, 1 / 5))
+    assert ids(scenes)[1:] == [[1]] * 11 + [[1, 2]] * 8
+    assert max(errors_m(site, scenes[-1], 19)) < 0.06
+    assert [int(member >= 0) for member in scenes[-1].workers[1].members] == [1, 0, 0, 1]
+
+
+def hinted(row, sure=()):
+    """The views of an instant with everybody a hint, but in some of them."""
+    return [v if n in sure else replace(v, hints=np.arange(len(v.people_px))) for n, v in enumerate(row)]
+
+
+def test_whom_one_camera_sees_for_sure_is_placed_with_the_hints_of_others(walk):
+    site, views = walk
+    weak = [hinted(row, sure=[f // 40 % 4]) for f, row in enumerate(views)]
+    scenes = placed(RIG, instants(weak, 1 / 25))
+    assert ids(scenes)[1:] == [[1]] * 149
+    assert max(errors_m(site, scenes[-1], 149)) < 0.04
+    assert scenes[-1].workers[0].members.tolist() == [0, 0, 0, 0]
+
+
+def test_hints_alone_are_nobody(walk):
+    _, views = walk
+    scenes = placed(RIG, instants([hinted(row) for row in views], 1 / 25))
+    assert not any(ids(scenes))
+
+
+def test_hints_alone_keep_an_identity_but_tell_nobody_for_long(walk):
+    _, views = walk
+    weak = [hinted(row) if 50 <= f < 90 else row for f, row in enumerate(views)]
+    scenes = placed(RIG, instants(weak, 1 / 25))
+    assert ids(scenes)[60] == [1]
+    assert ids(scenes)[80] == []
+    assert ids(scenes)[-1] == [1]
+
+
 def test_false_people_of_single_views_are_nobody():
     site = simulate(RIG, workers=1, frames=40, seed=3)
     noise = replace(NOISE, false_per_view=1.0)
@@ -236,16 +286,35 @@ def test_hats_keep_the_identity_of_their_wearers():
     assert sorted(map(len, worn.values())) == [1, 1, 1]
 
 
+def bare(view):
+    """The view without its hats."""
+    kept = [k for k, name in enumerate(view.object_class) if name != "hard_hat"]
+    return replace(
+        view, object_class=tuple(view.object_class[k] for k in kept), object_xyxy=view.object_xyxy[kept],
+        object_score=view.object_score[kept], object_keypoints_px=view.object_keypoints_px[kept],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("cameras", "with_hat", "told"), [(4, 2, [2]), (3, 2, [2]), (2, 2, [2]), (2, 1, [1]), (3, 1, []), (4, 1, [])]
+)
+def test_a_hat_is_told_soon_unless_cameras_that_see_the_head_outvote_the_one_that_sees_it(cameras, with_hat, told):
+    site = simulate(RIG, workers=1, frames=34, seed=7)
+    views = [
+        [
+            ViewDetections.empty() if v >= cameras else bare(view) if f < 30 or v >= with_hat else view
+            for v, view in enumerate(views_of(site, f))
+        ]
+        for f in range(34)
+    ]
+    scenes = placed(RIG, instants(views))
+    hats = [[thing.views for thing in scene.objects if thing.object_class == "hard_hat"] for scene in scenes]
+    assert hats[29] == []
+    assert hats[33] == told
+
+
 def test_a_hat_that_is_not_detected_goes_with_its_head():
     site = simulate(RIG, workers=1, frames=60, seed=7)
-
-    def bare(view):
-        kept = [k for k, name in enumerate(view.object_class) if name != "hard_hat"]
-        return replace(
-            view, object_class=tuple(view.object_class[k] for k in kept), object_xyxy=view.object_xyxy[kept],
-            object_score=view.object_score[kept], object_keypoints_px=view.object_keypoints_px[kept],
-        )  # fmt: skip
-
     views = [[bare(v) if 20 <= f < 50 else v for v in views_of(site, f)] for f in range(60)]
     scenes = placed(RIG, instants(views))
     hats = [[t for t in scene.objects if t.object_class == "hard_hat"] for scene in scenes]
