@@ -8,11 +8,19 @@ RecognitionError
 │   └── StreamError           a live camera that cannot be used, or not any more
 ├── DatasetError              a data set with a truth that cannot be evaluated
 ├── ModelError                a network or its manifest that cannot be used
+├── AlarmsError               an alarms file, or the queue that it names, that cannot be used
+├── AnswerError               an operator's answer that cannot be taken
+├── RulesError                a rule file with a mistake
+├── BatchError                recordings that cannot be gone through as asked
+├── CommissionError           a walk or a commissioning record that cannot be used
+├── EventsError               an events file, or events of a recording, that cannot be used
 └── RecordingError            an MCAP file that cannot be written, read or recovered
     └── NoRoomError
 """
 
 from __future__ import annotations
+
+from pathlib import Path
 
 from rigcal.errors import RigcalError
 
@@ -47,6 +55,38 @@ class StreamError(SourceError):
 
 class ModelError(RecognitionError):
     """A network or its manifest that cannot be used."""
+
+
+class RulesError(RecognitionError):
+    """A rule file with a mistake; ``line`` and ``column`` say where, both from 1."""
+
+    def __init__(
+        self, problem: str, *, where: Path | str, line: int, column: int, expected: str, got: object, do_next: str
+    ) -> None:
+        self.line, self.column = line, column
+        super().__init__(
+            f"rule file: {problem}", where=f"{where}:{line}:{column}", expected=expected, got=got, do_next=do_next
+        )
+
+
+class BatchError(RecognitionError):
+    """Recordings that cannot be gone through as asked; one that cannot be judged is a row of the result instead."""
+
+
+class CommissionError(RecognitionError):
+    """A walk or a commissioning record that cannot be used, or that stands for something else."""
+
+
+class EventsError(RecognitionError):
+    """An events file, or events of a recording, that cannot be used."""
+
+
+class AlarmsError(RecognitionError):
+    """An alarms file, or the queue that it names, that cannot be used; its message shows nothing out of the file."""
+
+
+class AnswerError(RecognitionError):
+    """An operator's answer that cannot be taken."""
 
 
 class RecordingError(RecognitionError):
