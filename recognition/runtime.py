@@ -7,7 +7,7 @@ one instant is the same in both.
 
 Decision: an instant of a single camera is recorded, frame and detections, and places nothing, since an empty scene
 would say that nobody is there. Of files it is no scene; of live cameras it is one that says NOT MONITORED, because
-somebody may be watching.
+somebody may be watching. Rules are told of it as NOT MONITORED in both cases, since a violation may go on meanwhile.
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from recognition.events import Event, Marks, Watch
 from recognition.interpolation import in_common_time
+from recognition.judging import Judging, OnEvent, blind_scene
 from recognition.live import LiveFeed
 from recognition.monitoring import Verdict, judged
 from recognition.observations import Instant, Scene, Status, ViewDetections
 from recognition.placing import Placer, PlacingOptions
-from recognition.recording import Recorder, ViewTracks
+from recognition.recording import Recorder, TrackedInstant, ViewTracks
 from rigcal.rig import Rig
 
 
@@ -59,6 +61,10 @@ class RunResult:
     """At how many instants each worker was seen, by track."""
     object_instants: Mapping[str, int]
     """At how many instants each object was seen, by ``class/track``."""
+    events: tuple[Event, ...] = ()
+    """What the rules found, in order of their start; those that last when the run ends have no end."""
+    start_ns: int | None = None
+    """Time of the first instant; None where there was none."""
     stopped: bool = False
     """Whether the run was stopped before its last instant."""
 
@@ -69,6 +75,9 @@ def run(
     recorder: Recorder,
     options: RunOptions,
     *,
+    watch: Watch | None = None,
+    on_scene: Callable[[Scene], None] | None = None,
+    on_event: OnEvent | None = None,
     progress: Callable[[int], None] | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> RunResult:
@@ -79,6 +88,9 @@ def run(
         instants: As :func:`recognition.feeds.open_feed` makes them.
         recorder: Where frames, detections and scenes are recorded; open.
         options: Thresholds and pace.
+        watch: Rules that judge every scene; None: none do.
+        on_scene: Told of every scene, and of a NOT MONITORED one for each instant that is none.
+        on_event: Told of every word on an event, after the scene that it follows from.
         progress: Called with the number of instants done.
         stop: Asked before each instant whether to end the run.
 
@@ -86,6 +98,7 @@ def run(
         What was found.
     """
     placer, tally = Placer(rig, options.placing), _Tally(rig, options)
+    judging = Judging(watch, recorder, on_event)
     pace = _Pace() if options.realtime else None
     use = options.use or (True,) * len(rig.cameras)
     stopped = False
@@ -98,11 +111,17 @@ def run(
         verdict = judged(rig.camera_ids, use, frame_set)
         scene = _said(placer.place(instant), verdict)
         recorder.write_frames(frame_set)
-        _record(recorder, instant, scene)
+        shown = scene or blind_scene(frame_set, verdict)
+        _record(recorder, instant, scene, judging.judge(shown))
+        recorder.write_tracks(TrackedInstant(shown, scene is not None, verdict.status))
         tally.add(instant, verdict, scene)
+        if on_scene:
+            on_scene(shown)
+        judging.tell(frame_set.t_ns, None)
         if progress:
             progress(tally.instants)
-    return tally.result(stopped)
+    judging.close()
+    return tally.result(stopped, judging.events)
 
 
 def run_live(
@@ -111,7 +130,9 @@ def run_live(
     recorder: Recorder,
     options: RunOptions,
     *,
+    watch: Watch | None = None,
     on_scene: Callable[[Scene], None] | None = None,
+    on_event: OnEvent | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> RunResult:
     """Run until the streams end or ``stop`` says so; the feed records what the cameras send.
@@ -121,13 +142,16 @@ def run_live(
         feed: The live cameras; entered.
         recorder: The feed's.
         options: Thresholds.
+        watch: Rules that judge every scene; None: none do.
         on_scene: Told of every scene.
+        on_event: Told of every word on an event, after the scene that it follows from.
         stop: Asked often whether to end the run.
 
     Returns:
         What was found; an instant that cannot be placed is a scene that says NOT MONITORED.
     """
     placer, tally = Placer(rig, options.placing), _Tally(rig, options)
+    judging = Judging(watch, recorder, on_event)
     stopped = False
 
     def ended() -> bool:
@@ -139,16 +163,19 @@ def run_live(
     for instant in in_common_time(instants) if options.interpolate else instants:
         frame_set = instant.frame_set
         verdict = feed.judged(frame_set)
-        scene = _said(placer.place(instant), verdict)
-        if scene:
+        placed = _said(placer.place(instant), verdict)
+        if placed:
             feed.placed(frame_set)
-        else:
-            scene = Scene(frame_set.index, frame_set.t_ns, (), (), "NOT MONITORED", verdict.reason, verdict.cameras)
-        _record(recorder, instant, scene, feed.log_ns())
+        scene = placed or blind_scene(frame_set, verdict)
+        receive_ns = feed.log_ns()
+        _record(recorder, instant, scene, judging.judge(scene), receive_ns)
+        recorder.write_tracks(TrackedInstant(scene, placed is not None, verdict.status), receive_ns=receive_ns)
         tally.add(instant, verdict, scene)
         if on_scene:
             on_scene(scene)
-    return tally.result(stopped)
+        judging.tell(frame_set.t_ns, receive_ns)
+    judging.close()
+    return tally.result(stopped, judging.events)
 
 
 def _said(scene: Scene | None, verdict: Verdict) -> Scene | None:
@@ -169,13 +196,15 @@ class _Tally:
         self._workers: Counter[int] = Counter()
         self._objects: Counter[str] = Counter()
         self._placed = 0
+        self._start_ns: int | None = None
         self.instants = 0
 
     def add(self, instant: Instant, verdict: Verdict, scene: Scene | None) -> None:
         """Count an instant."""
         self.instants += 1
+        self._start_ns = instant.frame_set.t_ns if self._start_ns is None else self._start_ns
         self._statuses[verdict.status] += 1
-        self._seen.update({c: len(v.people_px) for c, v in zip(self._camera_ids, instant.views, strict=True)})
+        self._seen.update({c: len(v.counted) for c, v in zip(self._camera_ids, instant.views, strict=True)})
         if scene is None:
             return
         self._placed += 1
@@ -184,7 +213,7 @@ class _Tally:
         if self._keeps:
             self._scenes.append(scene)
 
-    def result(self, stopped: bool) -> RunResult:
+    def result(self, stopped: bool, events: tuple[Event, ...]) -> RunResult:
         """What was counted."""
         return RunResult(
             scenes=tuple(self._scenes),
@@ -194,23 +223,33 @@ class _Tally:
             statuses=dict(self._statuses),
             worker_instants=dict(sorted(self._workers.items())),
             object_instants=dict(sorted(self._objects.items())),
+            events=events,
+            start_ns=self._start_ns,
             stopped=stopped,
         )
 
 
-def _record(recorder: Recorder, instant: Instant, scene: Scene | None, receive_ns: int | None = None) -> None:
-    """What the cameras that took part saw, at their own times, with the tracks of it where there is a scene."""
+def _record(
+    recorder: Recorder, instant: Instant, scene: Scene | None, marks: Marks, receive_ns: int | None = None
+) -> None:
+    """What the cameras that took part saw, at their own times, with the tracks of it where there is a scene.
+
+    Of an instant without any camera the reference camera says that it saw nothing and took no part, so that a replay
+    judges it too.
+    """
     frame_set = instant.frame_set
     took_part = [t_ns is not None for t_ns in frame_set.times_ns]
+    took_part[0] = took_part[0] or not any(took_part)
     recorder.write_detections(
         frame_set,
         [view if is_there else None for view, is_there in zip(instant.views, took_part, strict=True)],
         None if scene is None else _tracks_of_views(scene, instant.views),
         common=None if instant.common is instant.views else instant.common,
+        marks=marks,
         receive_ns=receive_ns,
     )
     if scene is not None:
-        recorder.write_scene(scene, receive_ns=receive_ns)
+        recorder.write_scene(scene, marks=marks, receive_ns=receive_ns)
 
 
 def _tracks_of_views(scene: Scene, views: Sequence[ViewDetections]) -> tuple[ViewTracks, ...]:

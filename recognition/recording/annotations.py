@@ -18,8 +18,9 @@ from foxglove_schemas_protobuf.Point2_pb2 import Point2
 from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
 from foxglove_schemas_protobuf.TextAnnotation_pb2 import TextAnnotation
 
+from recognition.events import NO_MARKS, Marks, name_of
 from recognition.observations import ViewDetections
-from recognition.recording.messages import identity_color, known_points, limb_ends, stamp
+from recognition.recording.messages import GREY, color_message, known_points, limb_ends, stamp, track_rgb
 from recognition.recording.stencil import Stencil
 from rigcal.geometry import Floats
 
@@ -40,8 +41,11 @@ class ViewTracks:
     """(K,) object track of each object; None: no track."""
 
 
-def image_annotations(view: ViewDetections, tracks: ViewTracks | None, t_ns: int) -> ImageAnnotations:
-    """Skeletons and boxes: coloured and named by their track, grey without one. Joints that are NaN are left out.
+def image_annotations(
+    view: ViewDetections, tracks: ViewTracks | None, t_ns: int, marks: Marks = NO_MARKS
+) -> ImageAnnotations:
+    """Skeletons and boxes: coloured and named by their track, grey without one; who is marked is in the colour of
+    violations. Joints that are NaN are left out, and so are hints that belong to no track.
 
     Raises:
         ValueError: where ``tracks`` does not name one track, or None, per detection.
@@ -49,8 +53,10 @@ def image_annotations(view: ViewDetections, tracks: ViewTracks | None, t_ns: int
     people = (None,) * len(view.people_px) if tracks is None else tracks.people
     objects = (None,) * len(view.object_class) if tracks is None else tracks.objects
     sheet = _Sheet(t_ns)
-    _draw_skeletons(sheet, view.people_px, people)
-    _draw_boxes(sheet, view, objects)
+    people_px = view.people_px.copy()
+    people_px[[n for n in view.hints.tolist() if people[n] is None]] = np.nan
+    _draw_skeletons(sheet, people_px, people, marks)
+    _draw_boxes(sheet, view, objects, marks)
     return sheet.drawn
 
 
@@ -72,7 +78,7 @@ class _Sheet:
 
 @dataclass(frozen=True, slots=True)
 class _Style:
-    """How what belongs to a track is drawn: serialized annotations that lack their points, text and time."""
+    """How what is of one colour is drawn: serialized annotations that lack their points, text and time."""
 
     limbs: bytes
     joints: bytes
@@ -81,8 +87,8 @@ class _Style:
 
 
 @lru_cache(maxsize=1024)
-def _style(track_id: int | None) -> _Style:
-    color = identity_color(track_id)
+def _style(rgb: tuple[float, float, float]) -> _Style:
+    color = color_message(*rgb)
 
     def points(kind: PointsAnnotation.Type.ValueType, thickness_px: float) -> bytes:
         drawn = PointsAnnotation(type=kind, outline_color=color, fill_color=color, thickness=thickness_px)
@@ -97,29 +103,34 @@ def _style(track_id: int | None) -> _Style:
     )
 
 
-def _draw_skeletons(sheet: _Sheet, people_px: Floats, tracks: Sequence[int | None]) -> None:
+def _style_of(kind: str, track_id: int | None, marks: Marks) -> _Style:
+    return _style(GREY if track_id is None else track_rgb(kind, track_id, marks))
+
+
+def _draw_skeletons(sheet: _Sheet, people_px: Floats, tracks: Sequence[int | None], marks: Marks) -> None:
     joints = people_px + CORNER_FROM_CENTRE_PX
     known = known_points(joints)
     highest = np.where(known, joints[..., 1], np.inf).argmin(axis=1)
     labels = _POSITION.copies(joints[np.arange(len(joints)), highest])
     for track_id, points, is_known, label in zip(tracks, _POINT.copies(joints), known.tolist(), labels, strict=True):
-        style, limbs = _style(track_id), limb_ends(points, is_known)
+        style, limbs = _style_of("worker", track_id, marks), limb_ends(points, is_known)
         if limbs:
             sheet.add_points(style.limbs, limbs)
         if any(is_known):
             sheet.add_points(style.joints, b"".join(compress(points, is_known)))
             if track_id is not None:
-                sheet.add_text(f"worker {track_id}", style.text, label)
+                sheet.add_text(name_of("worker", track_id, marks), style.text, label)
 
 
-def _draw_boxes(sheet: _Sheet, view: ViewDetections, tracks: Sequence[int | None]) -> None:
+def _draw_boxes(sheet: _Sheet, view: ViewDetections, tracks: Sequence[int | None], marks: Marks) -> None:
     corners = (view.object_xyxy + CORNER_FROM_CENTRE_PX)[:, _CORNERS]
     boxes, labels = _POINT.copies(corners), _POSITION.copies(corners[:, 0])
     named = zip(view.object_class, view.object_score.tolist(), tracks, boxes, labels, strict=True)
     for name, score, track_id, box, label in named:
-        style, identity = _style(track_id), "" if track_id is None else f" {track_id}"
+        style = _style_of(name, track_id, marks)
+        words = name if track_id is None else name_of(name, track_id, marks)
         sheet.add_points(style.box, b"".join(box))
-        sheet.add_text(f"{name}{identity} {score:.2f}", style.text, label)
+        sheet.add_text(f"{words} {score:.2f}", style.text, label)
 
 
 _CORNERS = np.array([[0, 1], [2, 1], [2, 3], [0, 3]])

@@ -19,7 +19,7 @@ from recognition.recording.container import (
 from recognition.recording.content import ContentVisitor, time_findings
 from recognition.recording.findings import Finding, error, warning
 from recognition.recording.naming import recording_files, unfinished_notes
-from recognition.recording.origin import Edges, facts, rig_findings, sequence_findings
+from recognition.recording.origin import Edges, facts, rig_findings, rules_findings, sequence_findings
 from recognition.recording.structure import structure_findings
 from recognition.recording.survey import Survey, survey
 
@@ -103,7 +103,8 @@ def _checked(path: Path) -> tuple[RecordingCheck, Edges]:
         found = survey(data, visitor)
         require_mcap(path, data, found)
         structure = tuple(structure_findings(data, found))
-        findings = [*structure, *rig_findings(found, visitor.frames), *visitor.findings(), *time_findings(found)]
+        origin = [*rig_findings(found, visitor.frames), *rules_findings(found)]
+        findings = [*structure, *origin, *visitor.findings(), *time_findings(found)]
         size = len(data)
     if structure or path.suffix == PART_SUFFIX:
         findings.insert(0, _unfinished(path))

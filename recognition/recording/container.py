@@ -29,7 +29,7 @@ LIBRARY = f"{LIBRARY_NAME} {__version__}; {LIBRARY_IDENTIFIER}"
 """Header field of our files: their messages are numbered per topic without holes."""
 CHUNK_BYTES = 1024 * 1024
 """1 MiB: 4 MiB chunks took 1.4 times the time (one run of 60 s of 4 cameras), and a damaged one costs more."""
-RIG_ATTACHMENT = "rig.json"
+RIG_ATTACHMENT, RULES_ATTACHMENT = "rig.json", "rules.toml"
 RIG_METADATA, SEGMENT_METADATA = "rigcal", "segment"
 PART_SUFFIX = ".part"
 
@@ -124,4 +124,15 @@ def not_mcap(path: Path, got: str) -> RecordingError:
         expected="a recording that begins with the MCAP magic",
         got=got,
         do_next="give a file that recognition run wrote; if it was one, nothing in it can be read any more",
+    )
+
+
+def damaged(path: Path, got: str) -> RecordingError:
+    """The error of a recording that cannot be read to its end."""
+    return RecordingError(
+        "the recording is unfinished or damaged",
+        where=path,
+        expected="a finished MCAP file",
+        got=got,
+        do_next=f"run `{recover_command(path)}`",
     )

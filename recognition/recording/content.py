@@ -12,15 +12,15 @@ from google.protobuf.message import DecodeError
 from mcap import records as r
 
 from recognition.h264 import IDR, has_b_slice, is_key_frame, nal_types, starts_with_start_code
+from recognition.recording import detections, tracks
 from recognition.recording.container import LIBRARY_NAME
-from recognition.recording.detections import SCHEMA, recorded_view
 from recognition.recording.findings import Finding, error, warning
 from recognition.recording.origin import segment_place
 from recognition.recording.survey import ChannelSurvey, Survey
 
 GAP_FACTOR = 5.0
 """A pause longer than this many median spacings is a gap: at 30 Hz, five frames lost in a row."""
-_EVENT_TOPICS = ("/log",)
+_EVENT_TOPICS = ("/log", "/events")
 """Topics without a pace, where a pause is no gap."""
 LONG_GOP_S = 10.0
 """Cameras are usually set to a key frame every 1 to 2 s; with more than this between two, a viewer that jumps shows
@@ -28,7 +28,7 @@ nothing for so long, and a segment begins so late."""
 
 
 class ContentVisitor:
-    """Looks into the messages of video, detections and poses while the file is surveyed."""
+    """Looks into the messages of video, detections, tracks and poses while the file is surveyed."""
 
     def __init__(self) -> None:
         self.frames: set[str] = set()
@@ -47,8 +47,10 @@ class ContentVisitor:
                 self.frames |= {transform.child_frame_id for transform in placed}
             elif channel.schema == "foxglove.CompressedVideo":
                 self._look_at_video(channel.topic, message.log_time, CompressedVideo.FromString(message.data))
-            elif channel.schema == SCHEMA:
+            elif channel.schema == detections.SCHEMA:
                 self._look_at_detections(message.data)
+            elif channel.schema == tracks.SCHEMA:
+                tracks.tracked_instant(message.data)
         except (DecodeError, ValueError):
             self._count(channel.topic, f"messages are no {channel.schema}")
 
@@ -78,7 +80,7 @@ class ContentVisitor:
         self._keys_ns.setdefault(topic, []).extend([log_ns] if is_key else [])
 
     def _look_at_detections(self, data: bytes) -> None:
-        view = recorded_view(data)
+        view = detections.recorded_view(data)
         instant = (view.index, view.instant_ns)
         lacking = self._lacking.pop(instant, view.views) - 1
         if lacking:

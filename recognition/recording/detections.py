@@ -16,17 +16,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 from google.protobuf.message import DecodeError, Message
 
 from recognition.observations import ViewDetections
 from recognition.recording.messages import stamp
+from recognition.recording.protobuf import message_class
 from rigcal.geometry import Floats
 
 DETECTIONS = "detections"
 """Last part of the topics."""
-_FILE, _PACKAGE = "recognition/detections.proto", "recognition"
-_FIELD = descriptor_pb2.FieldDescriptorProto
 _ROWS = {
     "people_px": (17, 2), "people_score": (17,), "object_xyxy": (4,), "object_score": (),
     "object_keypoints_px": (4, 2),
@@ -57,58 +55,31 @@ class RecordedView:
     """Whether the run moved detections to common times; False: what was seen counts at the time of its frame."""
 
 
-def _schema() -> Any:
-    """The class of the messages, made from a descriptor as ``protoc`` would from::
-
-    message Detections {
-      google.protobuf.Timestamp timestamp = 1;       // when the camera saw it; absent: it took no part
-      string frame_id = 2;                           // the camera
-      int64 instant = 3;                             // number of the instant
-      google.protobuf.Timestamp instant_time = 4;    // its common time
-      uint32 views = 5;                              // how many cameras have a message of it
-      optional int64 frame_number = 6;               // in the camera's stream
-      Seen seen = 7;                                 // at the camera's own time
-      Seen common = 8;                               // at the common time; absent: the same
-    }
-    message Seen {                                   // distorted pixels at the rig's image size
-      repeated double people_px = 1;                 // P x 17 x 2, NaN: not detected
-      repeated double people_score = 2;              // P x 17
-      repeated string object_class = 3;              // K
-      repeated double object_xyxy = 4;               // K x 4: left, top, right, bottom
-      repeated double object_score = 5;              // K
-      repeated double object_keypoints_px = 6;       // K x 4 x 2, NaN: not detected
-    }
-    """
-    stamp_name = timestamp_pb2.DESCRIPTOR.name
-    file = descriptor_pb2.FileDescriptorProto(name=_FILE, package=_PACKAGE, syntax="proto3", dependency=[stamp_name])
-    seen = file.message_type.add(name="Seen")
-    for number, name in enumerate(("people_px", "people_score", "object_class", *tuple(_ROWS)[2:]), start=1):
-        kind = _FIELD.TYPE_STRING if name == "object_class" else _FIELD.TYPE_DOUBLE
-        seen.field.add(name=name, number=number, type=kind, label=_FIELD.LABEL_REPEATED)
-    view = file.message_type.add(name="Detections", oneof_decl=[{"name": "_frame_number"}])
-    time, part = ".google.protobuf.Timestamp", f".{_PACKAGE}.Seen"
-    for number, (name, kind, of) in enumerate(
-        (
-            ("timestamp", _FIELD.TYPE_MESSAGE, time),
-            ("frame_id", _FIELD.TYPE_STRING, None),
-            ("instant", _FIELD.TYPE_INT64, None),
-            ("instant_time", _FIELD.TYPE_MESSAGE, time),
-            ("views", _FIELD.TYPE_UINT32, None),
-            ("frame_number", _FIELD.TYPE_INT64, None),
-            ("seen", _FIELD.TYPE_MESSAGE, part),
-            ("common", _FIELD.TYPE_MESSAGE, part),
-            ("interpolated", _FIELD.TYPE_BOOL, None),
+_Detections = message_class(
+    "detections.proto",
+    {
+        "Seen": (  # distorted pixels at the rig's image size
+            ("people_px", "repeated double"),  # P x 17 x 2, NaN: not detected
+            ("people_score", "repeated double"),  # P x 17
+            ("object_class", "repeated string"),  # K
+            ("object_xyxy", "repeated double"),  # K x 4: left, top, right, bottom
+            ("object_score", "repeated double"),  # K
+            ("object_keypoints_px", "repeated double"),  # K x 4 x 2, NaN: not detected
+            ("hints", "repeated int64"),  # which of the P people count only with another camera's
         ),
-        start=1,
-    ):
-        view.field.add(name=name, number=number, type=kind, type_name=of, label=_FIELD.LABEL_OPTIONAL)
-    view.field[5].proto3_optional, view.field[5].oneof_index = True, 0
-    pool = descriptor_pool.Default()
-    pool.AddSerializedFile(file.SerializeToString())
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.Detections"))
-
-
-_Detections = _schema()
+        "Detections": (
+            ("timestamp", "Timestamp"),  # when the camera saw it; absent: it took no part
+            ("frame_id", "string"),  # the camera
+            ("instant", "int64"),  # number of the instant
+            ("instant_time", "Timestamp"),  # its common time
+            ("views", "uint32"),  # how many cameras have a message of it
+            ("frame_number", "optional int64"),  # in the camera's stream
+            ("seen", "Seen"),  # at the camera's own time
+            ("common", "Seen"),  # at the common time; absent: the same
+            ("interpolated", "bool"),  # whether the run moved detections to common times
+        ),
+    },
+)
 SCHEMA: str = _Detections.DESCRIPTOR.full_name
 """Name of the schema in the file."""
 
@@ -155,9 +126,11 @@ def recorded_view(data: bytes) -> RecordedView:
 
 def _numbers(view: ViewDetections) -> dict[str, Any]:
     arrays: dict[str, Floats] = {name: getattr(view, name) for name in _ROWS}
-    return {name: array.ravel().tolist() for name, array in arrays.items()} | {"object_class": view.object_class}
+    lists: dict[str, Any] = {name: array.ravel().tolist() for name, array in arrays.items()}
+    return lists | {"object_class": view.object_class, "hints": view.hints.tolist()}
 
 
 def _detections(seen: Any) -> ViewDetections:
     arrays = {name: np.array(getattr(seen, name), dtype=np.float64).reshape(-1, *row) for name, row in _ROWS.items()}
-    return ViewDetections(object_class=tuple(seen.object_class), **arrays)
+    hints = np.array(seen.hints, dtype=np.int64)
+    return ViewDetections(object_class=tuple(seen.object_class), hints=hints, **arrays)

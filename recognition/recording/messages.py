@@ -25,6 +25,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
+from recognition.events import Marks
 from recognition.observations import LIMBS, ViewFrame
 from rigcal.geometry import Bools, Floats, Pose
 from rigcal.rig import Rig, RigCamera
@@ -32,7 +33,7 @@ from rigcal.rig import Rig, RigCamera
 RIG_FRAME, WORLD_FRAME = "rig", "world"
 JPEG_QUALITY = 90
 """0.28 bytes and 41 dB per pixel over eight images of the captures; 95 costs 1.4 times the bytes for 2.4 dB."""
-GREY = (0.6, 0.6, 0.6)
+GREY, VIOLATION_RGB = (0.6, 0.6, 0.6), (1.0, 0.0, 0.0)
 LOG_LEVELS = {
     "debug": Log.DEBUG, "info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR, "fatal": Log.FATAL
 }  # fmt: skip
@@ -54,6 +55,11 @@ def identity_rgb(track_id: int | None) -> tuple[float, float, float]:
     """The same strong colour for the same identity, in 2D and 3D; consecutive identities differ most in hue. Grey
     without one."""
     return GREY if track_id is None else colorsys.hsv_to_rgb(track_id * _GOLDEN_RATIO % 1.0, 0.8, 1.0)
+
+
+def track_rgb(kind: str, track_id: int, marks: Marks) -> tuple[float, float, float]:
+    """:func:`identity_rgb`; :data:`VIOLATION_RGB`, which is no identity's, of those who violate a rule."""
+    return VIOLATION_RGB if (kind, track_id) in marks else identity_rgb(track_id)
 
 
 def color_message(red: float, green: float, blue: float) -> Color:
@@ -150,8 +156,8 @@ def _transform(parent: str, child: str, parent_from_child: Pose, t_ns: int) -> F
     )
 
 
-def log_message(level: str, text: str, t_ns: int) -> Log:
-    """A line of the log; ``level`` is one of :data:`LOG_LEVELS`, ValueError where it is not."""
+def log_message(level: str, text: str, t_ns: int, *, speaker: str = "recognition") -> Log:
+    """A line of the log, and who says it; ``level`` is one of :data:`LOG_LEVELS`, ValueError where it is not."""
     if level not in LOG_LEVELS:
         raise ValueError(f"level of a log line must be one of {', '.join(LOG_LEVELS)}, got {level!r}")
-    return Log(timestamp=stamp(t_ns), level=LOG_LEVELS[level], message=text, name="recognition")
+    return Log(timestamp=stamp(t_ns), level=LOG_LEVELS[level], message=text, name=speaker)

@@ -14,7 +14,7 @@ from recognition.errors import RecordingError
 from recognition.recording.container import MAGIC, PART_SUFFIX, is_being_written, recover_command
 
 SUFFIX = ".mcap"
-_SEGMENT = re.compile(r"(?P<stem>.+)\.(?P<index>[0-9]{3,})\.mcap")
+_SEGMENT = re.compile(r"(?P<stem>.+)\.(?P<index>[0-9]{3,})\.mcap", re.DOTALL)
 
 
 def segment_path(path: Path, index: int) -> Path:
@@ -58,14 +58,14 @@ def unfinished_notes(path: Path) -> Iterator[str]:
     if path.is_file():
         return
     first = recording_files(path)[0]
-    for part in _parts_of(first.with_name(_recording_name(first))):
+    for part in _parts_of(first.with_name(recording_name(first))):
         yield f"{part.name} is not finished and was left out: {_advice(part)}"
 
 
 def _parts_of(path: Path) -> tuple[Path, ...]:
     """The unfinished files of the recording ``path``."""
     parts = sorted(path.parent.glob(f"*{SUFFIX}{PART_SUFFIX}"))
-    return tuple(part for part in parts if _recording_name(part.with_suffix("")) == path.name)
+    return tuple(part for part in parts if recording_name(part.with_suffix("")) == path.name)
 
 
 def _advice(part: Path) -> str:
@@ -73,7 +73,7 @@ def _advice(part: Path) -> str:
 
 
 def _files_in(folder: Path) -> tuple[Path, ...]:
-    names = {_recording_name(file) for file in folder.glob(f"*{SUFFIX}")}
+    names = {recording_name(file) for file in folder.glob(f"*{SUFFIX}")}
     if len(names) != 1:
         raise RecordingError(
             "the folder holds no recording" if not names else "the folder holds several recordings",
@@ -86,9 +86,24 @@ def _files_in(folder: Path) -> tuple[Path, ...]:
     return (whole,) if whole.exists() else segments_of(whole)
 
 
-def _recording_name(file: Path) -> str:
-    match = _SEGMENT.fullmatch(file.name)
-    return f"{match['stem']}{SUFFIX}" if match else file.name
+def recording_name(file: Path) -> str:
+    """The name ``NAME.mcap`` of the recording that a file is by its name: its own, or that of its segments."""
+    return _recording_name(file.name)
+
+
+def _recording_name(name: str) -> str:
+    match = _SEGMENT.fullmatch(name)
+    return f"{match['stem']}{SUFFIX}" if match else name
+
+
+def recording_stem(file: Path) -> str | None:
+    """``NAME`` of the recording that a file is of by its name, finished or not; None where the name is another kind's.
+
+    What belongs to a recording begins with it: ``NAME.events.json``, ``NAME.evidence`` and so on.
+    """
+    name = file.name.removesuffix(PART_SUFFIX)
+    stem = _recording_name(name).removesuffix(SUFFIX)
+    return stem if stem and name.endswith(SUFFIX) else None
 
 
 def require_free_names(path: Path) -> None:
@@ -133,14 +148,15 @@ def in_the_way(part: Path) -> RecordingError:
 def unfinished_notices(folder: Path) -> Iterator[str]:
     """What to do about each recording in a folder that was not finished, and that nobody writes any more."""
     for part in sorted(folder.glob(f"*{PART_SUFFIX}")):
-        if _is_mcap(part) and not is_being_written(part):
+        if is_mcap(part) and not is_being_written(part):
             yield (
                 f"{part.name} is a recording of a run that did not end, {part.stat().st_size / 1e6:.1f} MB: "
                 f"run `{recover_command(part)}` and then delete it"
             )
 
 
-def _is_mcap(path: Path) -> bool:
+def is_mcap(path: Path) -> bool:
+    """Whether a file begins as a recording does."""
     try:
         with path.open("rb") as stream:
             return stream.read(len(MAGIC)) == MAGIC

@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import Any
 
 from recognition.errors import RecordingError
-from recognition.recording.container import RIG_ATTACHMENT, RIG_METADATA, SEGMENT_METADATA
+from recognition.recording.container import RIG_ATTACHMENT, RIG_METADATA, RULES_ATTACHMENT, SEGMENT_METADATA
 from recognition.recording.findings import Finding, error, warning
 from recognition.recording.messages import RIG_FRAME, WORLD_FRAME
 from recognition.recording.survey import Survey
@@ -21,10 +21,14 @@ CLOCK_KEY = "clock."
 """Metadata key of each camera's clock model, before the camera: its JSON, or :data:`NO_CLOCK`."""
 NO_CLOCK = "none"
 """Of a camera whose stamps were taken as rig time."""
+GEOMETRY_KEY = "geometry_digest"
+"""Metadata key of the rig file's ``geometry_digest``."""
+RULES_KEY = "rules.digest"
+"""Metadata key of the digest of the rule file, where the run was judged by one."""
 
 
-def describe(rig: Rig, rig_json: bytes, metadata: Mapping[str, str]) -> dict[str, str]:
-    """The metadata record of a run: which rig and clocks, which version, which options.
+def describe(rig: Rig, rig_json: bytes, metadata: Mapping[str, str], rules_toml: bytes | None = None) -> dict[str, str]:
+    """The metadata record of a run: which rig, clocks and rules, which version, which options.
 
     Raises:
         RecordingError: where the rig file is not the rig's, or a camera bears the name of a frame.
@@ -48,11 +52,12 @@ def describe(rig: Rig, rig_json: bytes, metadata: Mapping[str, str]) -> dict[str
         )
     own = {
         "digest": rig.digest,
-        "geometry_digest": str(document.get("geometry_digest", "")),
+        GEOMETRY_KEY: str(document.get("geometry_digest", "")),
         "verdict": rig.verdict,
         "site": rig.site,
         "rigcal": __version__,
         **{CLOCK_KEY + c.id: json.dumps(asdict(c.clock)) if c.clock else NO_CLOCK for c in rig.cameras},
+        **({} if rules_toml is None else {RULES_KEY: rules_digest(rules_toml)}),
     }
     repeated = sorted(set(own) & set(metadata))
     if repeated:
@@ -89,6 +94,21 @@ def rig_findings(found: Survey, frames: set[str]) -> Iterator[Finding]:
         yield warning(f"it is not said by which clock models the times of {', '.join(unsaid)} are rig time, or by none")
 
 
+def rules_findings(found: Survey) -> Iterator[Finding]:
+    """The attached rule file against the digest that the metadata states, where there is one."""
+    attached = [attachment.data for attachment in found.attachments if attachment.name == RULES_ATTACHMENT]
+    stated = run_metadata(found).get(RULES_KEY)
+    if len(attached) != (stated is not None):
+        yield error(f"{len(attached)} attachments are called {RULES_ATTACHMENT}, {int(stated is not None)} expected")
+    elif attached and rules_digest(attached[0]) != stated:
+        yield error(f"the rule file's digest is {rules_digest(attached[0])}, the metadata says {stated}")
+
+
+def rules_digest(toml: bytes) -> str:
+    """The digest of a rule file: SHA-256 of its bytes."""
+    return f"sha256:{hashlib.sha256(toml).hexdigest()}"
+
+
 def rig_digest(document: dict[str, Any]) -> str:
     """The digest of a rig file: SHA-256 of its UTF-8 JSON without ``digest``, keys sorted, no spaces."""
     rest = {key: value for key, value in document.items() if key != "digest"}
@@ -101,6 +121,8 @@ def facts(found: Survey) -> Iterator[str]:
     metadata = run_metadata(found)
     if "digest" in metadata:
         yield f"rig {metadata['digest']}, verdict {metadata.get('verdict', 'unknown')}"
+    if RULES_KEY in metadata:
+        yield f"rules {metadata[RULES_KEY]}"
     if "rigcal" in metadata:
         yield f"recorded by version {metadata['rigcal']}"
     clocks = {k.removeprefix(CLOCK_KEY): text for k, text in metadata.items() if k.startswith(CLOCK_KEY)}

@@ -15,17 +15,19 @@ from mcap.stream_reader import breakup_chunk
 from mcap_protobuf.decoder import DecoderFactory
 
 from recognition.errors import RecordingError
-from recognition.recording import detections
+from recognition.recording import detections, tracks
 from recognition.recording.container import (
     RIG_ATTACHMENT,
     RIG_METADATA,
+    RULES_ATTACHMENT,
     SEGMENT_METADATA,
-    mapped,
+    damaged,
     opened,
-    recover_command,
 )
 from recognition.recording.detections import RecordedView, recorded_view
-from recognition.recording.scan import FAULTS, HEADER_BYTES, Damage, scan
+from recognition.recording.payloads import iter_payloads
+from recognition.recording.scan import FAULTS, HEADER_BYTES
+from recognition.recording.tracks import TrackedInstant, tracked_instant
 
 _LATEST_NS = 2**63 - 1
 
@@ -84,35 +86,49 @@ def iter_detections(path: Path, *, start_ns: int | None = None, end_ns: int | No
         RecordingError: where the file is absent, unfinished or damaged.
     """
     if start_ns is None and end_ns is None:
-        return _all_detections(path)
+        return (_view(path, payload.data) for payload in iter_payloads(path, detections.SCHEMA))
     return _detections_between(path, start_ns or 0, _LATEST_NS if end_ns is None else end_ns)
 
 
-def _all_detections(path: Path) -> Iterator[RecordedView]:
-    wanted: set[int] = set()
-    schemas: set[int] = set()
-    with mapped(path) as data:
-        for part in scan(data):
-            if isinstance(part, Damage):
-                raise _damaged(path, part.reason)
-            if isinstance(part.record, r.DataEnd):
-                return
-            for inner in part.contents:
-                match inner.record:
-                    case r.Schema(id=number, name=detections.SCHEMA):
-                        schemas.add(number)
-                    case r.Channel(id=number, schema_id=schema) if schema in schemas:
-                        wanted.add(number)
-                    case r.Message(channel_id=number, data=message) if number in wanted:
-                        yield _view(path, message)
-    raise _damaged(path, "it ends before its index")
+def iter_tracks(path: Path) -> Iterator[tuple[int, TrackedInstant]]:
+    """What was judged at each instant, in the order of recording, and which of the run's instants it was, from 0.
+
+    Raises:
+        RecordingError: where the file is absent, unfinished or damaged.
+    """
+    for payload in iter_payloads(path, tracks.SCHEMA):
+        try:
+            yield payload.number, tracked_instant(payload.data)
+        except ValueError as error:
+            raise damaged(path, str(error)) from error
+
+
+def holds_tracks(files: Iterable[Path]) -> bool:
+    """Whether the files of a recording hold tracks, and so does each of them that holds detections.
+
+    Raises:
+        RecordingError: where a file is absent, unfinished or damaged.
+    """
+    held = [_schemas(file) for file in files]
+    lacking = [own for own in held if detections.SCHEMA in own and tracks.SCHEMA not in own]
+    return not lacking and any(tracks.SCHEMA in own for own in held)
+
+
+def _schemas(path: Path) -> set[str]:
+    """Schemas of the messages in a file."""
+    with _reading(path) as reader:
+        summary = reader.get_summary()
+        if summary is None or summary.statistics is None:
+            raise damaged(path, "it has no index")
+        held = (summary.channels[number] for number, n in summary.statistics.channel_message_counts.items() if n)
+        return {summary.schemas[channel.schema_id].name for channel in held if channel.schema_id}
 
 
 def _detections_between(path: Path, start_ns: int, end_ns: int) -> Iterator[RecordedView]:
     with _reading(path) as reader, opened(path) as stream:
         summary = reader.get_summary()
         if summary is None:
-            raise _damaged(path, "it has no index")
+            raise damaged(path, "it has no index")
         schemas = {number for number, schema in summary.schemas.items() if schema.name == detections.SCHEMA}
         wanted = {number for number, channel in summary.channels.items() if channel.schema_id in schemas}
         for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
@@ -130,7 +146,7 @@ def _view(path: Path, message: bytes) -> RecordedView:
     try:
         return recorded_view(message)
     except ValueError as error:
-        raise _damaged(path, str(error)) from error
+        raise damaged(path, str(error)) from error
 
 
 def read_rig_attachment(path: Path) -> bytes:
@@ -139,11 +155,19 @@ def read_rig_attachment(path: Path) -> bytes:
     Raises:
         RecordingError: where the file is absent, unfinished or damaged, or has no rig attachment.
     """
-    with _reading(path) as reader:
-        for attachment in reader.iter_attachments():
-            if attachment.name == RIG_ATTACHMENT:
-                return attachment.data
-    raise _missing(path, f"an attachment {RIG_ATTACHMENT}")
+    found = _attachment(path, RIG_ATTACHMENT)
+    if found is None:
+        raise _missing(path, f"an attachment {RIG_ATTACHMENT}")
+    return found
+
+
+def read_rules_attachment(path: Path) -> bytes | None:
+    """The bytes of the rule file that the run was judged by; None where it was judged by none.
+
+    Raises:
+        RecordingError: where the file is absent, unfinished or damaged.
+    """
+    return _attachment(path, RULES_ATTACHMENT)
 
 
 def read_metadata(path: Path) -> dict[str, str]:
@@ -168,7 +192,12 @@ def read_segment(path: Path) -> tuple[str, int] | None:
     try:
         return None if found is None else (found["run"], int(found["index"]))
     except (KeyError, ValueError) as error:
-        raise _damaged(path, f"the metadata record {SEGMENT_METADATA} says {found}") from error
+        raise damaged(path, f"the metadata record {SEGMENT_METADATA} says {found}") from error
+
+
+def _attachment(path: Path, name: str) -> bytes | None:
+    with _reading(path) as reader:
+        return next((one.data for one in reader.iter_attachments() if one.name == name), None)
 
 
 def _metadata(path: Path, name: str) -> dict[str, str] | None:
@@ -185,17 +214,7 @@ def _reading(path: Path) -> Iterator[McapReader]:
         try:
             yield make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
         except (*FAULTS, OSError, KeyError, DecodeError) as error:
-            raise _damaged(path, str(error) or type(error).__name__) from error
-
-
-def _damaged(path: Path, got: str) -> RecordingError:
-    return RecordingError(
-        "the recording is unfinished or damaged",
-        where=path,
-        expected="a finished MCAP file",
-        got=got,
-        do_next=f"run `{recover_command(path)}`",
-    )
+            raise damaged(path, str(error) or type(error).__name__) from error
 
 
 def _missing(path: Path, what: str) -> RecordingError:

@@ -150,8 +150,8 @@ def _verified(data: mmap, placed: Placed) -> Placed | Damage:
     return placed
 
 
-def _contents(chunk: r.Chunk) -> tuple[Placed, ...]:
-    """The records of a chunk whose checksum is right; ValueError and the like where it is not."""
+def chunk_data(chunk: r.Chunk) -> bytes:
+    """The decompressed records of a chunk whose checksum is right; one of :data:`FAULTS` where it is not."""
     if chunk.uncompressed_size > MAX_CHUNK_BYTES:
         raise ValueError(f"it says {chunk.uncompressed_size} bytes, the limit is {MAX_CHUNK_BYTES}")
     if chunk.compression not in ("", "lz4", "zstd"):
@@ -159,9 +159,14 @@ def _contents(chunk: r.Chunk) -> tuple[Placed, ...]:
     if chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) not in (-1, chunk.uncompressed_size):
         raise ValueError("its compressed data is of another size")
     stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-    data, offset, contents = stream.read(size), 0, []
-    while offset < size:
-        placed = _place(data, offset, size)
+    return stream.read(size)
+
+
+def _contents(chunk: r.Chunk) -> tuple[Placed, ...]:
+    """The records of a chunk whose checksum is right; ValueError and the like where it is not."""
+    data, offset, contents = chunk_data(chunk), 0, []
+    while offset < len(data):
+        placed = _place(data, offset, len(data))
         if isinstance(placed, Damage):
             raise ValueError(placed.reason)
         contents.append(placed)

@@ -23,15 +23,17 @@ from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
+from recognition.events import NO_MARKS, Marks, name_of, rules_of
 from recognition.observations import ObjectTrack, Scene, Status, WorkerTrack
 from recognition.recording.messages import (
     RIG_FRAME,
+    VIOLATION_RGB,
     WORLD_FRAME,
     color_message,
-    identity_rgb,
     known_points,
     limb_ends,
     stamp,
+    track_rgb,
 )
 from recognition.recording.stencil import Stencil
 from rigcal.geometry import Floats, Pose
@@ -50,6 +52,8 @@ STATUS_RGB: dict[Status, tuple[float, float, float]] = {
 }  # fmt: skip
 STATUS_FONT_PX: dict[Status, float] = {"MONITORED": 16.0, "DEGRADED": 20.0, "NOT MONITORED": 36.0}
 """Height of its letters on the screen, from wherever the scene is looked at."""
+VIOLATION_FONT_PX = 28.0
+"""Of the status while a rule is violated, unless it is larger."""
 STATUS_COLUMNS = 28
 """Letters in a line of the reason: about 600 px at the largest, which a third of a screen of 1920 px has room for."""
 
@@ -64,37 +68,40 @@ class SceneDrawer:
         self._up = np.array([0.0, 0.0, 1.0]) if has_world else np.array([0.0, -1.0, 0.0])
         self._drawn: frozenset[str] = frozenset()
 
-    def update(self, scene: Scene) -> SceneUpdate:
-        """The scene as one update; tracks of which no joint or centre is known are not drawn.
+    def update(self, scene: Scene, marks: Marks = NO_MARKS) -> SceneUpdate:
+        """The scene as one update; tracks of which no joint or centre is known are not drawn, those that are marked
+        have the colour of violations.
 
         What the scene says of itself is always drawn, so that a site without anybody never looks like one that nobody
         watches.
         """
         update = SceneUpdate()
         head = SceneEntity(timestamp=stamp(scene.t_ns), frame_id=self._frame_id).SerializeToString()
-        self._add_status(update, head, scene)
-        self._add_workers(update, head, scene.workers)
-        self._add_objects(update, head, scene.objects)
+        self._add_status(update, head, scene, rules_of(marks))
+        self._add_workers(update, head, scene.workers, marks)
+        self._add_objects(update, head, scene.objects, marks)
         drawn = frozenset(entity.id for entity in update.entities)
         update.deletions.extend(_deletion(entity_id, scene.t_ns) for entity_id in sorted(self._drawn - drawn))
         self._drawn = drawn
         return update
 
-    def _add_status(self, update: SceneUpdate, head: bytes, scene: Scene) -> None:
+    def _add_status(self, update: SceneUpdate, head: bytes, scene: Scene, violated: Sequence[str]) -> None:
+        violations = [f"VIOLATED: {', '.join(violated)}"] if violated else []
+        font_px, rgb = STATUS_FONT_PX[scene.status], STATUS_RGB[scene.status]
         entity = _entity(update, "status", head)
         entity.texts.add(
             pose=_at(*(STATUS_M * self._up).tolist()),
             billboard=True,
-            font_size=STATUS_FONT_PX[scene.status],
+            font_size=max(font_px, VIOLATION_FONT_PX) if violated else font_px,
             scale_invariant=True,
-            color=color_message(*STATUS_RGB[scene.status]),
-            text="\n".join([scene.status, *textwrap.wrap(scene.reason, STATUS_COLUMNS)]),
+            color=color_message(*(VIOLATION_RGB if violated else rgb)),
+            text="\n".join([*violations, scene.status, *textwrap.wrap(scene.reason, STATUS_COLUMNS)]),
         )
 
-    def _add_workers(self, update: SceneUpdate, head: bytes, workers: Sequence[WorkerTrack]) -> None:
+    def _add_workers(self, update: SceneUpdate, head: bytes, workers: Sequence[WorkerTrack], marks: Marks) -> None:
         if not workers:
             return
-        colors = np.array([identity_rgb(worker.track_id) for worker in workers])
+        colors = np.array([track_rgb("worker", worker.track_id, marks) for worker in workers])
         joints = self._frame_from_rig.apply(np.stack([worker.joints_m for worker in workers]))
         known = known_points(joints)
         highest = np.where(known, joints @ self._up, -np.inf).argmax(axis=1)
@@ -112,19 +119,19 @@ class SceneDrawer:
                 entity = _entity(update, f"worker/{worker.track_id}", head + b"".join(compress(spheres, is_known)))
                 if used := limb_ends(ends, is_known):
                     entity.lines.add().MergeFromString(limbs + used)
-                entity.texts.add(text=f"worker {worker.track_id}").MergeFromString(label)
+                entity.texts.add(text=name_of("worker", worker.track_id, marks)).MergeFromString(label)
 
-    def _add_objects(self, update: SceneUpdate, head: bytes, objects: Sequence[ObjectTrack]) -> None:
+    def _add_objects(self, update: SceneUpdate, head: bytes, objects: Sequence[ObjectTrack], marks: Marks) -> None:
         if not objects:
             return
-        colors = np.array([identity_rgb(thing.track_id) for thing in objects])
+        colors = np.array([track_rgb(thing.object_class, thing.track_id, marks) for thing in objects])
         centres = self._frame_from_rig.apply(np.stack([[thing.centre_m] for thing in objects]))[:, 0]
         cubes, labels = _CUBE.copies(np.hstack([centres, colors])), self._labels(centres, colors)
         drawn = zip(objects, known_points(centres).tolist(), cubes, labels, strict=True)
         for thing, is_known, cube, label in drawn:
             if is_known:
                 entity = _entity(update, f"object/{thing.object_class}/{thing.track_id}", head + cube)
-                entity.texts.add(text=f"{thing.object_class} {thing.track_id}").MergeFromString(label)
+                entity.texts.add(text=name_of(thing.object_class, thing.track_id, marks)).MergeFromString(label)
 
     def _labels(self, below: Floats, colors: Floats) -> list[bytes]:
         return _LABEL.copies(np.hstack([below + LABEL_M * self._up, colors]))

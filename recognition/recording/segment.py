@@ -16,7 +16,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from recognition.errors import RecordingError
-from recognition.recording.container import RIG_ATTACHMENT
+from recognition.recording.container import RIG_ATTACHMENT, RULES_ATTACHMENT
 from recognition.recording.definitions import define_channel, define_schema
 from recognition.recording.durable import DurableFile
 from recognition.recording.messages import calibration, stamp, transforms
@@ -48,6 +48,8 @@ class SegmentContent:
     metadata: Mapping[str, Mapping[str, str]]
     """Metadata records by name."""
     fsync_interval_s: float
+    rules_toml: bytes | None = None
+    """The rule file that the run is judged by."""
 
 
 class Segment:
@@ -79,6 +81,8 @@ class Segment:
         try:
             with self._file.writing() as writer:
                 writer.add_attachment(0, 0, RIG_ATTACHMENT, "application/json", content.rig_json)
+                if content.rules_toml is not None:
+                    writer.add_attachment(0, 0, RULES_ATTACHMENT, "application/toml", content.rules_toml)
                 for name, fields in content.metadata.items():
                     writer.add_metadata(name, dict(fields))
             self._file.sync()

@@ -1,4 +1,4 @@
-"""The recorder: frames, detections and scenes of a run into MCAP files that survive a crash.
+"""The recorder: frames, detections, scenes and tracks of a run into MCAP files that survive a crash.
 
 Decision: a block that ends with an exception still finishes its files, but leaves the last one as ``.part``: nobody
 takes it for a whole run, and recover can tell it (nothing lost) from a killed process (the last moments lost).
@@ -22,18 +22,21 @@ from typing import Protocol, Self
 from google.protobuf.message import Message
 
 from recognition.errors import RecordingError
+from recognition.events import NO_MARKS, Event, Marks
 from recognition.h264 import is_key_frame
 from recognition.observations import FrameSet, Scene, ViewDetections
 from recognition.recording.annotations import ViewTracks, image_annotations
 from recognition.recording.budget import DiskBudget, require_room
 from recognition.recording.container import RIG_METADATA, SEGMENT_METADATA
 from recognition.recording.detections import DETECTIONS, RecordedView, detections_message
+from recognition.recording.events import EVENTS, Phase, event_line, event_message
 from recognition.recording.messages import encoded_message, frame_message, log_message
 from recognition.recording.naming import SUFFIX, require_free_names, segment_path, unfinished_notices
 from recognition.recording.origin import describe
 from recognition.recording.rotation import LOG, Rotation
 from recognition.recording.scene import SceneDrawer
 from recognition.recording.segment import Outgoing, Segment, SegmentContent, topic_of
+from recognition.recording.tracks import TRACKS, TrackedInstant, tracks_message
 from rigcal.errors import OptionError
 from rigcal.rig import Rig
 
@@ -97,6 +100,7 @@ class Recorder:
         rig: The rig that the frames come from.
         rig_json: The bytes of its rig file; attached as they are.
         metadata: Options and whatever else describes the run, for the metadata record ``rigcal``.
+        rules_toml: The bytes of the rule file that the run is judged by; attached as they are.
         fsync_interval_s: Nothing handed over is off the disk for longer, if the disk syncs in half that time.
         segment_s: Length of the segments ``NAME.000.mcap``, ``NAME.001.mcap``, ...; None for one file.
         budget: What the files may take of the disk.
@@ -116,12 +120,13 @@ class Recorder:
         rig: Rig,
         rig_json: bytes,
         metadata: Mapping[str, str],
+        rules_toml: bytes | None = None,
         fsync_interval_s: float = 1.0,
         segment_s: float | None = None,
         budget: DiskBudget | None = None,
         expected_bytes: int | None = None,
     ) -> None:
-        description = describe(rig, rig_json, metadata)
+        description = describe(rig, rig_json, metadata, rules_toml)
         budget = budget or DiskBudget()
         _require_segments(path, segment_s, budget)
         self.path, self._rig, self._scenes = path, rig, SceneDrawer(rig)
@@ -133,7 +138,7 @@ class Recorder:
             if segment_s is not None:
                 records[SEGMENT_METADATA] = {"run": run, "index": str(index)}
             file = path if segment_s is None else segment_path(path, index)
-            return Segment(file, SegmentContent(rig, rig_json, records, fsync_interval_s), self._numbers)
+            return Segment(file, SegmentContent(rig, rig_json, records, fsync_interval_s, rules_toml), self._numbers)
 
         self._notices = (*unfinished_notices(path.parent), *_room_notice(path, budget, expected_bytes))
         self._rotation = Rotation(opened, None if segment_s is None else round(segment_s * 1e9), budget)
@@ -191,6 +196,7 @@ class Recorder:
         tracks: Sequence[ViewTracks | None] | None = None,
         *,
         common: Sequence[ViewDetections | None] | None = None,
+        marks: Marks = NO_MARKS,
         receive_ns: int | None = None,
     ) -> None:
         """What the cameras saw: ``/CAMERA/detections`` to compute with again, ``/CAMERA/annotations`` to look at.
@@ -202,6 +208,7 @@ class Recorder:
             views: (V,) detections in rig order; None writes nothing for that camera.
             tracks: (V,) tracks of the detections, where they are known.
             common: (V,) the detections at the common time; None where the run does not interpolate.
+            marks: Tracks that violate rules.
             receive_ns: When they became known, rig time in nanoseconds; for live sources.
         """
         of_views = (None,) * len(views) if tracks is None else tracks
@@ -224,13 +231,24 @@ class Recorder:
                 interpolated=common is not None,
             )
             outgoing.append(_Message(topic_of(camera.id, DETECTIONS), detections_message(seen), t_ns))
-            drawn = image_annotations(view, track, t_ns)
+            drawn = image_annotations(view, track, t_ns, marks)
             outgoing.append(_Message(topic_of(camera.id, "annotations"), drawn, t_ns))
         self._write(outgoing, receive_ns)
 
-    def write_scene(self, scene: Scene, *, receive_ns: int | None = None) -> None:
-        """Workers and objects in 3D to ``/scene``."""
-        self._write([_Message("/scene", self._scenes.update(scene), scene.t_ns)], receive_ns)
+    def write_scene(self, scene: Scene, *, marks: Marks = NO_MARKS, receive_ns: int | None = None) -> None:
+        """Workers and objects in 3D to ``/scene``; ``marks`` are those that violate rules."""
+        self._write([_Message("/scene", self._scenes.update(scene, marks), scene.t_ns)], receive_ns)
+
+    def write_tracks(self, instant: TrackedInstant, *, receive_ns: int | None = None) -> None:
+        """What is judged at an instant, placed or not, to ``/tracks``: every instant of a run, in order."""
+        self._write([_Message(TRACKS, tracks_message(instant), instant.scene.t_ns)], receive_ns)
+
+    def write_event(self, event: Event, phase: Phase, t_ns: int, *, receive_ns: int | None = None) -> None:
+        """A violation to ``/events`` when it is raised, changes, ends or is cut off by the end of the run, at a time;
+        where it is raised or over, also to ``/log``."""
+        line = event_line(event, phase, t_ns)
+        messages = [_Message(EVENTS, event_message(event, phase), t_ns)]
+        self._write(messages if line is None else [*messages, _Message(LOG, line, t_ns)], receive_ns)
 
     def log(self, level: str, text: str, t_ns: int, *, receive_ns: int | None = None) -> None:
         """A line to ``/log``; ``level`` is ``debug``, ``info``, ``warning``, ``error`` or ``fatal``."""

@@ -19,13 +19,17 @@ from recognition.errors import RecordingError
 from recognition.observations import FrameSet, Instant, ViewDetections
 from recognition.recording import (
     RecordedView,
+    TrackedInstant,
+    holds_tracks,
     iter_detections,
+    iter_tracks,
     read_metadata,
     read_rig_attachment,
     read_segment,
     recording_files,
     unfinished_notes,
 )
+from recognition.recording.origin import GEOMETRY_KEY
 from rigcal.rig import Rig
 from rigcal.rigdocument import RigDocument
 from rigcal.rigfile import digest, rig_of
@@ -87,6 +91,27 @@ class RecordedInstants:
         )
 
 
+class RecordedTracks:
+    """What was judged at the instants of a recording, in order; to be run through once.
+
+    Raises:
+        RecordingError: while they are read, where a file is damaged.
+    """
+
+    def __init__(self, files: Sequence[Path]) -> None:
+        self._files = files
+        self.incomplete = 0
+        """Instants so far that are missing among those of a file."""
+
+    def __iter__(self) -> Iterator[TrackedInstant]:
+        for file in self._files:
+            due: int | None = None
+            for number, recorded in iter_tracks(file):
+                self.incomplete += 0 if due is None else number - due
+                due = number + 1
+                yield recorded
+
+
 @dataclass(frozen=True, slots=True)
 class RecordedRun:
     """What a recording says of its run."""
@@ -106,6 +131,24 @@ class RecordedRun:
     def instants(self) -> RecordedInstants:
         """The instants, from the first."""
         return RecordedInstants(self.files, self.rig, start_ns=self.start_ns, end_ns=self.end_ns)
+
+    @property
+    def geometry_digest(self) -> str:
+        """The rig file's, by which rules and events name it; empty where the recording does not say."""
+        return self.metadata.get(GEOMETRY_KEY, "")
+
+    @property
+    def holds_tracks(self) -> bool:
+        """Whether it can be judged again without being placed again, which needs all of it.
+
+        Raises:
+            RecordingError: where a file is damaged.
+        """
+        return self.start_ns is None and self.end_ns is None and holds_tracks(self.files)
+
+    def tracks(self) -> RecordedTracks:
+        """What was judged at each instant of the whole recording, from the first."""
+        return RecordedTracks(self.files)
 
     def between(self, start_ns: int | None, end_ns: int | None) -> RecordedRun:
         """A part of it, by the times at which things were logged; the rest is not read."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,22 @@ def test_every_number_comes_back_to_the_last_bit(people, objects):
     assert_same_bits(read.common, recorded.common)
     assert (read.camera_id, read.index, read.instant_ns, read.views) == ("cam0", 7, T0, 2)
     assert (read.t_ns, read.frame_idx, read.interpolated) == (T0 + 1, 12, True)
+
+
+def test_hints_come_back_and_old_recordings_have_none():
+    recorded = view(seen=replace(seen(2, 4), hints=np.array([1, 3])))
+    read = recorded_view(detections_message(recorded).SerializeToString())
+    assert read.seen.hints.tolist() == [1, 3]
+    assert read.seen.counted.tolist() == [0, 2]
+    message = detections_message(recorded)
+    message.seen.ClearField("hints")
+    assert recorded_view(message.SerializeToString()).seen.hints.tolist() == []
+
+
+@pytest.mark.parametrize("hints", [[2], [-1], [0, 0]])
+def test_a_hint_must_be_one_of_the_people(hints):
+    with pytest.raises(ValueError, match=r"hints: expected some of the 2 people, each once, got \["):
+        replace(seen(1, 2), hints=np.array(hints))
 
 
 def test_what_is_not_known_is_absent_and_not_zero():

@@ -9,6 +9,7 @@ import os
 import shutil
 import subprocess
 import time
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -241,6 +242,13 @@ def test_annotations_skip_unknown_joints_and_count_pixels_from_the_corner():
     assert [(p.x, p.y) for p in points.points] == [(10.5, 20.5), (12.5, 24.5), (14.5, 30.5), (40.5, 50.5)]
     assert len(drawn.texts) == 0
     assert len(image_annotations(people(np.full((17, 2), np.nan)), None, T0).points) == 0
+
+
+def test_a_hint_is_drawn_where_it_belongs_to_a_track_only():
+    view = replace(people(np.ones((17, 2)), np.ones((17, 2))), hints=np.array([1]))
+    assert len(image_annotations(view, None, T0).points) == 2
+    assert len(image_annotations(view, ViewTracks((7, None), ()), T0).points) == 2
+    assert len(image_annotations(view, ViewTracks((None, 7), ()), T0).points) == 4
 
 
 def test_boxes_are_closed_and_name_class_track_and_score():

@@ -15,9 +15,9 @@ from recognition.errors import RecordingError
 from recognition.interpolation import in_common_time
 from recognition.observations import FrameSet, Instant, ViewDetections
 from recognition.options import options_of, options_text
-from recognition.placing import PlacingOptions
+from recognition.placing import Placer, PlacingOptions
 from recognition.poses import Poses, write_poses
-from recognition.recording import Recorder
+from recognition.recording import TRACKS, Recorder
 from recognition.replay import PLACING_KEY, VIEWS_KEY, recorded_options, replay
 from recognition.runtime import RunOptions, run
 from recognition.sources.recording import open_recording
@@ -81,7 +81,11 @@ def assert_same_to_the_last_bit(scenes, others):
 
 def same_bits(this, that) -> bool:
     """Every field of two tracks, arrays by their bytes."""
-    pairs = [(getattr(this, name), getattr(that, name)) for name in type(this).__slots__]
+    return same_fields(this, that, type(this).__slots__)
+
+
+def same_fields(this, that, names) -> bool:
+    pairs = [(getattr(this, name), getattr(that, name)) for name in names]
     return all(a.tobytes() == b.tobytes() if isinstance(a, np.ndarray) else repr(a) == repr(b) for a, b in pairs)
 
 
@@ -125,6 +129,62 @@ def test_so_does_that_of_segments_and_of_a_part_of_them(site, tmp_path):
     assert open_recording(tmp_path).warnings[1] == "segments 2 to 2 are missing: nothing is known of that time"
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("options", [{}, {"segment_s": 0.2}])
+def test_the_tracks_in_the_recording_are_the_runs_own_and_are_not_placed_again(
+    site, tmp_path, monkeypatch, method, options
+):
+    absent = {(5, 0), (9, 1), (9, 2), (9, 3), (10, 2), (11, 2)}
+    result = record(site, tmp_path / "run.mcap", instants(site[2], absent=absent), method, **options)
+    opened = open_recording(tmp_path / "run.mcap")
+    again = replay(opened, recorded_options(opened))
+    monkeypatch.delattr(Placer, "place")
+    own = replay(opened)
+    assert (own.is_placed_again, again.is_placed_again) == (False, True)
+    assert replace(own, scenes=(), is_placed_again=True) == replace(again, scenes=())
+    assert len(own.scenes) == len(result.scenes)
+    for one, other in zip(own.scenes, result.scenes, strict=True):
+        assert same_fields(one, other, ("index", "t_ns", "status", "reason", "cameras"))
+        for this, that in zip((*one.workers, *one.objects), (*other.workers, *other.objects), strict=True):
+            assert same_fields(this, that, [name for name in type(this).__slots__ if "covariance" not in name])
+
+
+def test_a_recording_of_detections_alone_is_placed_again(site, tmp_path):
+    rig_path, rig, views = site
+    with Recorder(tmp_path / "run.mcap", rig=rig, rig_json=rig_path.read_bytes(), metadata={}) as recorder:
+        for instant in instants(views):
+            recorder.write_detections(instant.frame_set, instant.views)
+    opened = open_recording(tmp_path / "run.mcap")
+    assert not opened.holds_tracks
+    assert replay(opened).is_placed_again
+
+
+def test_so_is_what_shall_be_smoothed_and_a_part_of_a_recording(site, tmp_path):
+    record(site, tmp_path / "run.mcap", instants(site[2]), "tracked")
+    opened = open_recording(tmp_path / "run.mcap")
+    assert opened.holds_tracks
+    assert replay(opened, smooth=True).is_placed_again
+    part = replay(opened.between(T0 + 300_000_000, None))
+    assert part.is_placed_again
+    assert 0 < part.instants < FRAMES
+
+
+def test_instants_whose_tracks_are_lost_are_counted(site, tmp_path):
+    class Lossy(Recorder):
+        def _write(self, messages, receive_ns):
+            super()._write(messages, receive_ns)
+            if [m for m in messages if m.topic == TRACKS and m.message.instant in (6, 7, 12)]:
+                self._numbers[TRACKS] += 1  # as if one more had been there
+
+    rig_path, rig, views = site
+    with Lossy(tmp_path / "run.mcap", rig=rig, rig_json=rig_path.read_bytes(), metadata={}) as recorder:
+        run(rig, instants(views), recorder, RunOptions())
+    again = replay(open_recording(tmp_path / "run.mcap"))
+    assert (again.is_placed_again, again.instants, again.incomplete) == (False, FRAMES, 3)
+    said = CliRunner().invoke(app, ["replay", str(tmp_path / "run.mcap")]).output
+    assert "warning: 3 instants are lost and were left out" in said
+
+
 def test_an_instant_that_lost_a_camera_is_left_out_and_counted(site, tmp_path):
     lost = {7, 12}
     path = tmp_path / "run.mcap"
@@ -166,7 +226,14 @@ def test_the_command_writes_the_poses_of_the_run(site, tmp_path):
         assert sorted(one) == sorted(other)
         for name in one:
             assert one[name].tobytes() == other[name].tobytes(), name
-    assert told["how"] == "placed as the run did, by the method paper"
+    assert (told["how"], told["placed_again"]) == (
+        "the tracks that the run recorded, placed by the method paper",
+        False,
+    )
+    (tmp_path / "again.npz").unlink()
+    told = json.loads(CliRunner().invoke(app, [*arguments, "--place"]).stdout)
+    assert (told["how"], told["placed_again"]) == ("placed as the run did, by the method paper", True)
+    assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "run.npz").read_bytes()
     said = CliRunner().invoke(app, ["replay", str(tmp_path), "--association", "tracked", "--smooth"]).output
     assert said.splitlines()[0] == (
         f"{FRAMES} instants, {FRAMES} of them in 3D, rig IMPORTED; placed by the method tracked, not the run's paper, "
@@ -180,7 +247,10 @@ def test_a_recording_that_does_not_say_how_it_was_placed_is_placed_by_default_an
         run(rig, instants(views), recorder, RunOptions())
     opened = open_recording(tmp_path / "run.mcap")
     assert recorded_options(opened) is None
-    done = CliRunner().invoke(app, ["replay", str(tmp_path / "run.mcap")])
+    own = CliRunner().invoke(app, ["replay", str(tmp_path / "run.mcap")]).output
+    assert own.splitlines()[0].endswith("the tracks that the run recorded")
+    assert "warning" not in own
+    done = CliRunner().invoke(app, ["replay", str(tmp_path / "run.mcap"), "--place"])
     assert "warning: the recording does not say how it was placed: tracks may differ" in done.output
 
 
