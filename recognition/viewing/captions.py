@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from types import MappingProxyType
 
@@ -25,14 +25,16 @@ def headline(status: str, color: Color, rig: Rig, t_ns: int, start_ns: int) -> t
     return f"{status}  |  {when}  {rig.site}{verdict}", color
 
 
-def of_scene(scene: Scene | None, t_ns: int) -> tuple[str, Color]:
-    """How the site was monitored, and who was there, in a picture of a time; words and colour."""
+def of_scene(scene: Scene | None, t_ns: int, violated: Sequence[str] = ()) -> tuple[str, Color]:
+    """How the site was monitored, who was there and which rules were violated, in a picture of a time; words and
+    colour."""
     if scene is None:
         return f"NOT MONITORED: no result within {STALE_S:g} s of this time", RED
     status = f"{scene.status}: {scene.reason}" if scene.reason else scene.status
     if scene.status != "NOT MONITORED":
         status += f"  |  {_count(len(scene.workers), 'worker')}, {_count(len(scene.objects), 'object')}"
-    return status + _apart(scene.t_ns - t_ns), _COLORS[scene.status]
+    status += _apart(scene.t_ns - t_ns)
+    return (f"VIOLATED: {', '.join(violated)}  |  {status}", RED) if violated else (status, _COLORS[scene.status])
 
 
 def without_detections(*, show_faces: bool) -> tuple[str, Color]:

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from recognition.events import NO_MARKS, Marks, name_of
 from recognition.observations import LIMBS, ViewDetections
-from recognition.recording.messages import identity_color, known_points
+from recognition.recording.messages import color_message, known_points, track_rgb
 from rigcal.geometry import Floats
 from rigcal.rig import RigCamera
 
@@ -30,9 +31,9 @@ OUTSIDE = 1.3
 corner are not drawn, since its polynomial may turn back and put them inside."""
 
 
-def track_color(track_id: int) -> Color:
-    """The colour of an identity, the same as in the recording."""
-    color = identity_color(track_id)
+def track_color(kind: str, track_id: int, marks: Marks = NO_MARKS) -> Color:
+    """The colour of an identity, or of violations for who is marked, the same as in the recording."""
+    color = color_message(*track_rgb(kind, track_id, marks))
     return round(255 * color.b), round(255 * color.g), round(255 * color.r)
 
 
@@ -126,31 +127,36 @@ def skeleton(image: Image, joints: Floats, color: Color, *, thickness: int = 2) 
         cv2.circle(image, _whole(joint), thickness, color, -1, cv2.LINE_AA)
 
 
-def worker(image: Image, joints: Floats, track_id: int) -> Iterator[Label]:
-    """A worker's joints (17, 2); the name, unless the worker is outside of the image."""
+def worker(image: Image, joints: Floats, track_id: int, marks: Marks = NO_MARKS) -> Iterator[Label]:
+    """A worker's joints (17, 2); the name and what it violates, unless the worker is outside of the image."""
     known = joints[known_points(joints)]
     if not len(known) or not _inside(image, known):
         return
-    skeleton(image, joints, track_color(track_id))
+    color = track_color("worker", track_id, marks)
+    skeleton(image, joints, color, thickness=3 if ("worker", track_id) in marks else 2)
     x, y = known[np.argmin(known[:, 1])].tolist()
-    yield Label(f"worker {track_id}", (x - 20, y - 10), track_color(track_id))
+    yield Label(name_of("worker", track_id, marks), (x - 20, y - 10), color)
 
 
-def boxes(image: Image, shown: Shown, seen: ViewDetections, tracks: Sequence[int | None]) -> Iterator[Label]:
+def boxes(
+    image: Image, shown: Shown, seen: ViewDetections, tracks: Sequence[int | None], marks: Marks = NO_MARKS
+) -> Iterator[Label]:
     """Objects' boxes, those without a track in grey; their classes and identities."""
     for name, xyxy, track_id in zip(seen.object_class, seen.object_xyxy, tracks, strict=True):
         corners = shown.pixels(xyxy.reshape(2, 2))
-        color = GREY if track_id is None else track_color(track_id)
-        cv2.rectangle(image, _whole(corners[0]), _whole(corners[1]), color, 1, cv2.LINE_AA)
-        words = name if track_id is None else f"{name} {track_id}"
+        color = GREY if track_id is None else track_color(name, track_id, marks)
+        thickness = 2 if (name, track_id) in marks else 1
+        cv2.rectangle(image, _whole(corners[0]), _whole(corners[1]), color, thickness, cv2.LINE_AA)
+        words = name if track_id is None else name_of(name, track_id, marks)
         yield Label(words, (float(corners[0, 0]), float(corners[0, 1]) - 3), color, 0.4)
 
 
-def carried(image: Image, point: Floats, name: str, track_id: int) -> Iterator[Label]:
+def carried(image: Image, point: Floats, name: str, track_id: int, marks: Marks = NO_MARKS) -> Iterator[Label]:
     """An object whose place (2,) is known, though this camera did not see it; its name."""
+    color = track_color(name, track_id, marks)
     if np.isfinite(point).all() and _inside(image, point[None]):
-        cv2.drawMarker(image, _whole(point), track_color(track_id), cv2.MARKER_DIAMOND, 10, 1, cv2.LINE_AA)
-        yield Label(f"{name} {track_id}", (float(point[0]) + 8, float(point[1])), track_color(track_id), 0.4)
+        cv2.drawMarker(image, _whole(point), color, cv2.MARKER_DIAMOND, 10, 1, cv2.LINE_AA)
+        yield Label(name_of(name, track_id, marks), (float(point[0]) + 8, float(point[1])), color, 0.4)
 
 
 def band(image: Image, words: str, color: Color) -> None:

@@ -1,4 +1,4 @@
-"""The floor plan: cameras, workers with their trails, and objects, seen from above in metres.
+"""The floor plan: cameras, workers with their trails, objects, and zones of rules, seen from above in metres.
 
 In ``world`` where the rig has one, x to the right and y up. Without a world nobody knows where the floor is: the plan
 is then the reference camera's own x to the right and z, away from it, up, and says so.
@@ -12,7 +12,9 @@ from collections.abc import Iterator, Sequence
 import cv2
 import numpy as np
 
+from recognition.events import NO_MARKS, Marks, name_of
 from recognition.observations import ObjectTrack, Scene, WorkerTrack
+from recognition.rules.zones import Zone
 from recognition.viewing.drawing import BLACK, GREY, WHITE, Image, Label, text, track_color, write
 from rigcal.geometry import Floats, Pose
 from rigcal.rig import Rig
@@ -22,9 +24,10 @@ TRAIL_S = 5.0
 MARGIN_M = 0.7
 """Around everything that is shown."""
 FARTHEST_M = 15.0
-"""Workers and objects further than this from every camera do not widen the plan: one false triangulation would shrink
-all the rest."""
+"""Workers, objects and corners of zones further than this from every camera do not widen the plan: one false
+triangulation would shrink all the rest."""
 _GROUND, _GRID = (32, 32, 32), (60, 60, 60)
+ZONE_BGR = 60, 170, 230
 _STEPS_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 _LINES = 16
 """Most lines of the grid in one direction."""
@@ -37,10 +40,12 @@ class FloorPlan:
         rig: The rig.
         scenes: All that will be shown, in order of time.
         size_wh: Of the plan in pixels.
+        zones: Of the floor, which a rig without a world does not know.
     """
 
-    def __init__(self, rig: Rig, scenes: Sequence[Scene], size_wh: tuple[int, int]) -> None:
+    def __init__(self, rig: Rig, scenes: Sequence[Scene], size_wh: tuple[int, int], zones: Sequence[Zone] = ()) -> None:
         self._rig, self._scenes, self._size_wh = rig, scenes, size_wh
+        self._zones = zones if rig.world_from_rig is not None else ()
         self._times = [scene.t_ns for scene in scenes]
         self._axes = [0, 1] if rig.world_from_rig is not None else [0, 2]
         self._from_rig = rig.world_from_rig or Pose.identity()
@@ -49,16 +54,20 @@ class FloorPlan:
         self._pixels_per_m = float(np.min((np.array(size_wh) - [8, 60]) / (high - low)))
         self._middle = (low + high) / 2
 
-    def draw(self, scene: Scene | None, t_ns: int) -> Image:
-        """The plan (H, W, 3) of a scene, with trails up to a time; cameras alone where there is no scene."""
+    def draw(self, scene: Scene | None, t_ns: int, marks: Marks = NO_MARKS) -> Image:
+        """The plan (H, W, 3) of a scene, with trails up to a time, and rings around those who are marked; cameras
+        alone where there is no scene."""
         width, height = self._size_wh
         image = np.full((height, width, 3), _GROUND, dtype=np.uint8)
         step = self._draw_grid(image)
+        zones = list(self._draw_zones(image))
         cameras = list(self._draw_cameras(image))
         self._draw_trails(image, t_ns)
-        objects = [label for thing in (scene.objects if scene else ()) for label in self._draw_object(image, thing)]
-        workers = [label for one in (scene.workers if scene else ()) for label in self._draw_worker(image, one)]
-        write(image, (*workers, *cameras, *objects))
+        objects = [
+            label for thing in (scene.objects if scene else ()) for label in self._draw_object(image, thing, marks)
+        ]
+        workers = [label for one in (scene.workers if scene else ()) for label in self._draw_worker(image, one, marks)]
+        write(image, (*workers, *cameras, *objects, *zones))
         text(image, f"floor plan, grid {step:g} m" if self._rig.world_from_rig is not None
              else f"top view of {self._rig.reference}'s frame, grid {step:g} m", (6, 16), size=0.42)  # fmt: skip
         if self._rig.world_from_rig is None:
@@ -75,6 +84,7 @@ class FloorPlan:
     def _extent(self) -> tuple[Floats, Floats]:
         cameras = np.array(self._cameras)
         seen = [place for scene in self._scenes for place in self._places(scene)]
+        seen += [np.array(corner) for zone in self._zones for corner in zone.corners_m]
         near = [p for p in seen if np.linalg.norm(cameras - p, axis=1).min() <= FARTHEST_M]
         points = np.concatenate([cameras, np.array(near).reshape(-1, 2)])
         return points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
@@ -113,6 +123,12 @@ class FloorPlan:
                 cv2.line(image, self._at(ends[0]), self._at(ends[1]), _GRID, 1)
         return step
 
+    def _draw_zones(self, image: Image) -> Iterator[Label]:
+        for zone in self._zones:
+            corners = [self._at(np.array(corner)) for corner in zone.corners_m]
+            cv2.polylines(image, [np.array(corners, dtype=np.int32)], True, ZONE_BGR, 2, cv2.LINE_AA)
+            yield Label(zone.name, corners[0], ZONE_BGR, 0.42)
+
     def _draw_trails(self, image: Image, t_ns: int) -> None:
         first = bisect_left(self._times, t_ns - round(TRAIL_S * 1e9))
         trails: dict[int, list[tuple[int, int]]] = {}
@@ -122,7 +138,9 @@ class FloorPlan:
                 if np.isfinite(place).all():
                     trails.setdefault(one.track_id, []).append(self._at(place))
         for track_id, points in trails.items():
-            cv2.polylines(image, [np.array(points, dtype=np.int32)], False, track_color(track_id), 1, cv2.LINE_AA)
+            cv2.polylines(
+                image, [np.array(points, dtype=np.int32)], False, track_color("worker", track_id), 1, cv2.LINE_AA
+            )
 
     def _draw_cameras(self, image: Image) -> Iterator[Label]:
         for camera, place in zip(self._rig.cameras, self._cameras, strict=True):
@@ -131,20 +149,24 @@ class FloorPlan:
             cv2.circle(image, self._at(place), 4, WHITE, -1, cv2.LINE_AA)
             yield Label(camera.id, self._beside(place), WHITE, 0.4)
 
-    def _draw_worker(self, image: Image, one: WorkerTrack) -> Iterator[Label]:
-        place = self._place(one)
+    def _draw_worker(self, image: Image, one: WorkerTrack, marks: Marks) -> Iterator[Label]:
+        place, color = self._place(one), track_color("worker", one.track_id, marks)
         if np.isfinite(place).all():
-            cv2.circle(image, self._at(place), 6, track_color(one.track_id), -1, cv2.LINE_AA)
+            cv2.circle(image, self._at(place), 6, color, -1, cv2.LINE_AA)
             cv2.circle(image, self._at(place), 6, BLACK, 1, cv2.LINE_AA)
-            yield Label(f"worker {one.track_id}", self._beside(place), track_color(one.track_id), 0.42)
+            if ("worker", one.track_id) in marks:
+                cv2.circle(image, self._at(place), 11, color, 2, cv2.LINE_AA)
+            yield Label(name_of("worker", one.track_id, marks), self._beside(place), color, 0.42)
 
-    def _draw_object(self, image: Image, thing: ObjectTrack) -> Iterator[Label]:
+    def _draw_object(self, image: Image, thing: ObjectTrack, marks: Marks) -> Iterator[Label]:
         place = self._flat(thing.centre_m)
         if np.isfinite(place).all():
             x, y = self._at(place)
-            cv2.rectangle(image, (x - 4, y - 4), (x + 4, y + 4), track_color(thing.track_id), 1, cv2.LINE_AA)
-            name = f"{thing.object_class} {thing.track_id}"
-            yield Label(name, self._beside(place), track_color(thing.track_id), 0.38)
+            color = track_color(thing.object_class, thing.track_id, marks)
+            cv2.rectangle(image, (x - 4, y - 4), (x + 4, y + 4), color, 1, cv2.LINE_AA)
+            if (thing.object_class, thing.track_id) in marks:
+                cv2.circle(image, (x, y), 11, color, 2, cv2.LINE_AA)
+            yield Label(name_of(thing.object_class, thing.track_id, marks), self._beside(place), color, 0.38)
 
 
 def _unit(vector: Floats) -> Floats:

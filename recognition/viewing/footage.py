@@ -100,6 +100,16 @@ def read_footage(run: RecordedRun, *, from_s: float = 0.0, to_s: float | None = 
     )
 
 
+def frame_span(run: RecordedRun) -> tuple[int, int] | None:
+    """Capture times of the first and the last frame of any camera, rig time in nanoseconds; None: it has no frames.
+
+    Raises:
+        RecordingError: where a file of it is damaged.
+    """
+    first, last = _ends(run)
+    return (min(first.values()), max(last.values())) if first else None
+
+
 def _ends(run: RecordedRun) -> tuple[dict[str, int], dict[str, int]]:
     """Capture times of the first and the last frame of each topic that has frames."""
     topics = [f"/{camera_id}/{kind}" for camera_id in run.rig.camera_ids for kind in KINDS]

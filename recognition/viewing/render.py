@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 
 from recognition.errors import RecordingError
+from recognition.events import Event, Marks, marks_at, rules_of
 from recognition.monitoring import LEAST_CAMERAS, judged
 from recognition.observations import Instant, Scene, ViewDetections
 from recognition.placing import PlacingOptions
@@ -84,6 +85,7 @@ class Rendering:
     Args:
         footage: Of the recording.
         options: What is shown.
+        events: Violations whose actors are coloured while they last; with the run's own track numbers.
         progress: Called with the number of instants placed so far, before there is a picture.
 
     Raises:
@@ -92,9 +94,15 @@ class Rendering:
     """
 
     def __init__(
-        self, footage: Footage, options: RenderOptions, *, progress: Callable[[int], None] | None = None
+        self,
+        footage: Footage,
+        options: RenderOptions,
+        *,
+        events: Sequence[Event] = (),
+        progress: Callable[[int], None] | None = None,
     ) -> None:
         rig = footage.run.rig
+        self._events = tuple(events)
         self._footage, self._options = footage, options
         self._views = tuple(v for v, is_used in enumerate(options.use) if is_used)
         self._start_ns = footage.span_ns[0]
@@ -136,11 +144,12 @@ class Rendering:
         frames: dict[int, CameraFrames] = {}
         for t_ns in self.ticks_ns:
             scene = self._scene_at(t_ns)
+            marks = marks_at(self._events, t_ns if scene is None else scene.t_ns)
             picture = np.zeros((*self.size_wh[::-1], 3), dtype=np.uint8)
             for place, v in enumerate(self._views):
-                self._show_view(picture, place, self._frame(frames, v, t_ns), t_ns, scene)
-            self._mosaic.place_plan(picture, self._plan.draw(scene, t_ns))
-            words, color = self._headline(t_ns, scene)
+                self._show_view(picture, place, self._frame(frames, v, t_ns), t_ns, scene, marks)
+            self._mosaic.place_plan(picture, self._plan.draw(scene, t_ns, marks))
+            words, color = self._headline(t_ns, scene, marks)
             drawing.band(picture[:HEADER], words, color)
             self.broken = sum(each.broken for each in frames.values())
             yield Picture(t_ns, (t_ns - self._start_ns) * 1e-9, picture, scene, words)
@@ -166,7 +175,13 @@ class Rendering:
         return (at_ns, found[1]) if abs(at_ns - t_ns) <= STALE_S * 1e9 else None
 
     def _show_view(
-        self, picture: Image, place: int, frame: tuple[int, Image] | None, t_ns: int, scene: Scene | None
+        self,
+        picture: Image,
+        place: int,
+        frame: tuple[int, Image] | None,
+        t_ns: int,
+        scene: Scene | None,
+        marks: Marks,
     ) -> None:
         """A camera's frame as it is shown: heads blurred first of all, everything else over that."""
         v = self._views[place]
@@ -187,24 +202,25 @@ class Rendering:
             blur(image, np.column_stack([shown.pixels(heads[:, :2]), heads[:, 2] * shown.scale]))
             blur(image, _tracked_heads(shown, scene, (width, height)))
         if scene is not None:
-            self._draw(image, v, scene)
+            self._draw(image, v, scene, marks)
         self._mosaic.place(picture, place, image)
 
-    def _draw(self, image: Image, v: int, scene: Scene) -> None:
+    def _draw(self, image: Image, v: int, scene: Scene, marks: Marks) -> None:
         shown, instant = self._shown[v], self._instants[scene.index]
         tracked = {int(worker.members[v]) for worker in scene.workers}
-        for person, joints in enumerate(instant.views[v].people_px):
+        for person in instant.views[v].counted.tolist():
             if person not in tracked:
+                joints = instant.views[v].people_px[person]
                 drawing.skeleton(image, shown.pixels(joints), drawing.GREY, thickness=1)
         by_member = {int(thing.members[v]): thing.track_id for thing in scene.objects}
         tracks = [by_member.get(k) for k in range(len(instant.views[v].object_class))]
-        things = list(drawing.boxes(image, shown, instant.views[v], tracks))
+        things = list(drawing.boxes(image, shown, instant.views[v], tracks, marks))
         for thing in scene.objects:
             if thing.members[v] < 0:
                 point = shown.points(thing.centre_m)
-                things.extend(drawing.carried(image, point, thing.object_class, thing.track_id))
-        workers = [label for worker in scene.workers
-                   for label in drawing.worker(image, shown.points(worker.joints_m), worker.track_id)]  # fmt: skip
+                things.extend(drawing.carried(image, point, thing.object_class, thing.track_id, marks))
+        seen = ((worker.track_id, shown.points(worker.joints_m)) for worker in scene.workers)
+        workers = [label for track_id, joints in seen for label in drawing.worker(image, joints, track_id, marks)]
         drawing.write(image, (*workers, *sorted(things, key=lambda label: label.color == drawing.GREY)))
 
     def _scene_at(self, t_ns: int) -> Scene | None:
@@ -213,9 +229,9 @@ class Rendering:
         best = min(around, key=lambda scene: abs(scene.t_ns - t_ns), default=None)
         return best if best is not None and abs(best.t_ns - t_ns) <= STALE_S * 1e9 else None
 
-    def _headline(self, t_ns: int, scene: Scene | None) -> tuple[str, drawing.Color]:
+    def _headline(self, t_ns: int, scene: Scene | None, marks: Marks) -> tuple[str, drawing.Color]:
         if self.has_detections:
-            words, color = captions.of_scene(scene, t_ns)
+            words, color = captions.of_scene(scene, t_ns, rules_of(marks))
         else:
             words, color = captions.without_detections(show_faces=self._options.show_faces)
         return captions.headline(words, color, self._footage.run.rig, t_ns, self._start_ns)
@@ -229,6 +245,19 @@ def _tracked_heads(shown: Shown, scene: Scene | None, size_wh: tuple[int, int]) 
         for disc in person_discs(shown.points(worker.joints_m), np.ones(len(worker.joints_m)), size_wh)
     ]
     return np.array(discs, dtype=np.float64).reshape(-1, 3)
+
+
+def scenes_between(run: RecordedRun, start_ns: int, end_ns: int) -> tuple[Scene, ...]:
+    """What was known from one time to another, with the numbers that the run gave; no frames are needed for it.
+
+    Raises:
+        RecordingError: where a file of the recording is damaged.
+    """
+    part = run.between(start_ns - round(WARM_S * 1e9), end_ns + round(LATE_S * 1e9))
+    options = RenderOptions((True,) * len(run.rig.cameras))
+    return tuple(
+        scene for scene in _scenes(part, tuple(part.instants()), options, None) if start_ns <= scene.t_ns <= end_ns
+    )
 
 
 def _ticks(footage: Footage, options: RenderOptions) -> list[int]:
