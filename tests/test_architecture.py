@@ -88,22 +88,31 @@ ORDER = {
         "tracking",
         "smoothing",
         "placing",
+        "rules",
+        "events",
         "synthetic",
         "synthetic_views",
         "recording",
         "sources",
         "poses",
         "metrics",
-        "evaluation",
         "synthetic_crowds",
         "grouping",
         "monitoring",
         "status",
         "feeds",
         "live",
+        "alarms",
+        "retention",
+        "judging",
         "runtime",
         "replay",
+        "commissioning",
+        "crews",
+        "batch",
         "viewing",
+        "evidence",
+        "evaluation",
         "cli",
     ],
 }
@@ -126,8 +135,12 @@ ENGINES = {
     "mcap": {"recognition.recording", "rigcal.sync"},
     "mcap_protobuf": {"recognition.recording"},
     "foxglove_schemas_protobuf": {"recognition.recording"},
+    "google": {"recognition.recording"},  # protobuf
+    "zstandard": {"recognition.recording", "rigcal.sync"},
     "typer": {"rigcal.cli", "recognition.cli"},
     "reportlab": {"rigcal.target"},
+    "distributed": {"recognition.crews"},
+    "paho": {"recognition.alarms"},
     "av": {"rigcal.captures", "rigcal.sync", "recognition.sources", "recognition.viewing"},  # viewing: writes mp4
 }
 
@@ -182,6 +195,13 @@ def test_the_guard_can_fail():
     assert violations("recognition", "runtime", "from rigcal.refine import refine_rig")
     assert violations("recognition", "tracking", "from mcap.writer import Writer")
     assert not violations("rigcal", "rig", "from rigcal.camera import Camera")
+
+
+@pytest.mark.parametrize("package", ORDER)
+def test_every_place_in_the_order_is_a_room_and_has_one_place(package):
+    there = {path.stem for path in (ROOT / package).iterdir() if path.is_dir() or path.suffix == ".py"}
+    assert set(ORDER[package]) <= there
+    assert len(set(ORDER[package])) == len(ORDER[package])
 
 
 @pytest.mark.parametrize("path", list(modules()), ids=lambda p: str(p.relative_to(ROOT)))

@@ -1,4 +1,4 @@
-"""The whole product on a simulated site: board videos in, a validated rig, clocks, workers in 3D, a recording, a page.
+"""The whole product on a simulated site: board videos in; a rig, clocks, workers in 3D, violations and a page out.
 
 Runs the commands that a technician and an operator would run on what they would bring home (``rig_configs/demo``), and
 ends with how far the results are from the truth, which is known because the site is simulated.
@@ -14,7 +14,10 @@ import sys
 import time
 from pathlib import Path
 
-from recognition.recording import iter_messages
+from recognition.evaluation.found import compare_events
+from recognition.evaluation.violations import read_violations
+from recognition.events import read_events
+from recognition.recording import SPEAKER, iter_messages
 from rigcal.rigfile import read_rigfile
 from rigcal.sync.log import read_exchanges
 from tools.demo_page import Results, Step, ground_tracks, shown_instants, write_page
@@ -33,6 +36,7 @@ def main(folder: Path) -> int:
     folder.mkdir(parents=True)
     rig, recording, poses, page = (folder / name for name in ("demo.rig.json", "demo.mcap", "poses.npz", "index.html"))
     site, log, work = SITE / "demo.site.toml", SITE / "clock_probes.csv", SITE / "work"
+    rules, events = SITE.parent / "site.rules.toml", folder / "demo.events.json"
     steps = [
         command("rigcal", "calibrate", SITE / "boards", "--site", site, "-o", rig),
         command("rigcal", "world", rig, "--floor-board", SITE / "floor", "--thickness", FLOOR_BOARD, "-o", rig),
@@ -43,12 +47,16 @@ def main(folder: Path) -> int:
             "rigcal", "sync", "report", work, "--rig", rig, "--site", site, "--log", log,
             "-o", folder / "clocks.html",
         ),
-        command("recognition", "run", rig, "--source", work, "-o", recording, "--poses", poses),
+        command(
+            "recognition", "run", rig, "--source", work, "-o", recording, "--poses", poses,
+            "--rules", rules, "--events", events,
+        ),
+        command("recognition", "evidence", recording),
         command("recognition", "check", recording),
     ]  # fmt: skip
     say("Comparing with the truth")
     compared = time.monotonic()
-    results = evaluate(rig, recording, poses, steps)
+    results = evaluate(rig, recording, poses, events, steps)
     instants = [at for at, _ in shown_instants(results.truth)]
     write_page(results, pictures_at(results.truth, work, recording, instants), page)
     tell(results)
@@ -57,14 +65,16 @@ def main(folder: Path) -> int:
     print(f"  everything in one page  {page}   (any browser)")
     print(f"  the calibration         {folder / 'demo.report.html'}")
     print(f"  the clocks              {folder / 'clocks.html'}")
+    print(f"  the violations          {folder / 'demo.evidence'}   (a folder each: video, pictures, margins)")
     print(f"  the recording           {recording}   (Foxglove)")
     return 0
 
 
-def evaluate(rig: Path, recording: Path, poses: Path, steps: list[Step]) -> Results:
+def evaluate(rig: Path, recording: Path, poses: Path, events: Path, steps: list[Step]) -> Results:
     """The demo's results beside the truth."""
     truth, document = read_truth(SITE / "work"), read_rigfile(rig)
     logged = [one.message for one in iter_messages(recording, ["/log"])]
+    found = compare_events(read_violations(SITE / "work"), read_events(events).events)
     return Results(
         document=document,
         truth=truth,
@@ -75,7 +85,8 @@ def evaluate(rig: Path, recording: Path, poses: Path, steps: list[Step]) -> Resu
         objects=objects_found(truth, recording),
         tracks=ground_tracks(poses),
         probed_s=probed_s(SITE / "clock_probes.csv"),
-        warnings=[message.message for message in logged],
+        violations=found,
+        warnings=[message.message for message in logged if message.name != SPEAKER],
         steps=steps,
     )
 
@@ -98,6 +109,10 @@ def tell(results: Results) -> None:
     )
     for clock in results.clocks:
         print(f"  the clock of {clock.camera_id} is wrong by {clock.error_ms:+.3f} ms (bound {clock.bound_ms:.3f})")
+    found = results.violations
+    print(
+        f"  {found.in_time} of {len(found.sought)} violations found within 1 s of their start, {len(found.false)} false"
+    )
     for one in (results.workers, *results.objects):
         errors = ", ".join("-" if mm is None else f"{mm:.0f}" for mm in (one.error_mm(50), one.error_mm(90)))
         print(

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 from jinja2 import ChoiceLoader, FileSystemLoader
 
+from recognition.evaluation.found import Findings
+from recognition.events import Event
 from rigcal.geometry import Floats
 from rigcal.report import numbers
 from rigcal.report.templates import page_environment
@@ -50,6 +52,8 @@ class Results:
     """Of each worker found: identity and (N, 2) ground points in the world, by time; NaN between parts of the way."""
     probed_s: float
     """How long the cameras' hosts were asked for the time."""
+    violations: Findings
+    """What the rules found, beside the truth."""
     warnings: Sequence[str]
     """What the recording says of the networks that made it."""
     steps: Sequence[Step]
@@ -62,6 +66,17 @@ class Stretch:
     start: float
     width: float
     title: str
+    is_false: bool = False
+    """Found where nothing of the kind was."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lane:
+    """One kind of violation."""
+
+    words: str
+    truth: Sequence[Stretch]
+    found: Sequence[Stretch]
 
 
 def shown_instants(truth: Truth) -> list[tuple[int, str]]:
@@ -122,7 +137,8 @@ def write_page(results: Results, pictures: Sequence[Sequence[ViewPicture]], path
             limits=len(results.cameras) + len(results.clocks),
             shown=[(truth.instants_s[at], words, row) for (at, words), row in zip(instants, pictures, strict=True)],
             plan=_plan(results),
-            timeline=[(KINDS[kind], _stretches(truth, kind)) for kind in KINDS],
+            kinds=KINDS,
+            timeline=[Lane(KINDS[kind], _stretches(truth, kind), _found(results, kind)) for kind in KINDS],
             seconds=_duration_s(truth),
             total_s=sum(step.seconds for step in results.steps),
         ),
@@ -146,6 +162,20 @@ def _stretches(truth: Truth, kind: str) -> list[Stretch]:
         for one in truth.facts["violations"]
         if one["kind"] == kind
     ]
+
+
+def _found(results: Results, kind: str) -> list[Stretch]:
+    """Events of the kind, each from its start to its end."""
+    truth = results.truth
+    whole, epoch_ns = _duration_s(truth), round(truth.facts["epoch_s"] * 1e9)
+
+    def stretch(event: Event) -> Stretch:
+        start_s = (event.start_ns - epoch_ns) * 1e-9
+        end_s = whole if event.end_ns is None else (event.end_ns - epoch_ns) * 1e-9
+        words = f"{start_s:.1f} to {end_s:.1f} s: {event.sentence}"
+        return Stretch(100 * start_s / whole, 100 * (end_s - start_s) / whole, words, event in results.violations.false)
+
+    return [stretch(event) for event in results.violations.events if event.rule == kind]
 
 
 @dataclass(frozen=True, slots=True)

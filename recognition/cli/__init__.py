@@ -11,11 +11,39 @@ import sys
 
 import typer
 
-from recognition.cli import evaluate, recordings, render, replay, run
+from recognition.cli import (
+    answers,
+    batch,
+    commission,
+    demo,
+    evaluate,
+    evidence,
+    recordings,
+    render,
+    replay,
+    retention,
+    rules,
+    run,
+)
 from recognition.cli._app import app, print_json
 from rigcal.errors import RigcalError
 
-__all__ = ["app", "evaluate", "main", "recordings", "render", "replay", "run"]
+__all__ = [
+    "answers",
+    "app",
+    "batch",
+    "commission",
+    "demo",
+    "evaluate",
+    "evidence",
+    "main",
+    "recordings",
+    "render",
+    "replay",
+    "retention",
+    "rules",
+    "run",
+]
 
 
 def main() -> None:

@@ -1,31 +1,33 @@
-"""What ``recognition run`` does once its options are understood, and what it tells at the end."""
+"""What ``recognition run`` does once its options are understood."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import typer
 
-from recognition.cli._app import print_json
+from recognition.cli._alarming import Alarming
 from recognition.cli._show import LastScene, live_status, progress
 from recognition.cli._signals import Stop
+from recognition.commissioning import STANDING_KEY, Standing
 from recognition.detectors import Detector, ModelInfo
+from recognition.events import Event, Watch
 from recognition.feeds import FeedOptions, open_feed
 from recognition.grouping import GroupingOptions
+from recognition.judging import NAME_KEY, Rulebook, network_metadata, watch_of
 from recognition.live import Entry, LiveFeed, LiveInput, LiveOptions
 from recognition.live.journal import Level
 from recognition.monitoring import Coverage
 from recognition.observations import Scene, Status
 from recognition.options import options_text
-from recognition.recording import DiskBudget, Recorded, Recorder
+from recognition.recording import DiskBudget, Phase, Recorded, Recorder, event_words
 from recognition.replay import PLACING_KEY, VIEWS_KEY
 from recognition.runtime import RunOptions, RunResult, run, run_live
 from recognition.sources.synchrony import SyncReport
-from recognition.status import LiveStatus, summary
+from recognition.status import LiveStatus
 from rigcal.rig import Rig
 
 
@@ -50,6 +52,12 @@ class Job:
     detector: Detector | None
     clock_age_s: float
     quiet: bool
+    rulebook: Rulebook | None
+    geometry_digest: str
+    """The rig file's."""
+    alarming: Alarming
+    standing: Standing | None = None
+    """Whether the rules are commissioned on this site; None where there are none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +66,8 @@ class Outcome:
 
     result: RunResult
     recorded: Recorded
+    metadata: Mapping[str, str]
+    """Of the recording, beside what the recorder says of the rig."""
     facts: dict[str, str]
     sync: SyncReport | None
     warnings: tuple[str, ...]
@@ -82,14 +92,31 @@ def run_files(job: Job, source: Path | None, detections: Path | None, stop: Stop
     """Run over a capture or a detections file: every instant, as fast as it goes or paced."""
     feed = open_feed(job.rig, source, detections, job.detector, job.feed)
     notices = _notices(job)
-    recorder = _recorder(job, feed.facts, feed.sync, expected_bytes=feed.bytes)
-    with recorder, progress(feed.total, quiet=job.quiet) as bar:
+    metadata = _metadata(job, feed.facts, feed.sync)
+    watch = _watch(job, metadata)
+    recorder = _recorder(job, metadata, expected_bytes=feed.bytes)
+    alarming = job.alarming
+
+    def record(level: str, text: str) -> None:
+        recorder.log(level, text, feed.start_ns if alarming.at_ns is None else alarming.at_ns)
+
+    with recorder, alarming.running(record), progress(feed.total, quiet=job.quiet) as bar:
         warnings = (*feed.warnings, *recorder.notices)
         for warning in (*warnings, *notices):
             recorder.log("warning", warning, feed.start_ns)
-        result = run(job.rig, feed.instants, recorder, job.options, progress=bar, stop=stop)
+        result = run(
+            job.rig,
+            feed.instants,
+            recorder,
+            job.options,
+            watch=watch,
+            on_scene=alarming.scene,
+            on_event=alarming.event,
+            progress=bar,
+            stop=stop,
+        )
     unmonitored = _unmonitored(result, "two cameras took part in no instant")
-    return Outcome(result, recorder.close(), feed.facts, feed.sync, warnings, notices, unmonitored)
+    return Outcome(result, recorder.close(), metadata, feed.facts, feed.sync, warnings, notices, unmonitored)
 
 
 def run_streams(job: Job, source: LiveInput, stop: Stop) -> Outcome:
@@ -98,7 +125,9 @@ def run_streams(job: Job, source: LiveInput, stop: Stop) -> Outcome:
         raise ValueError("live streams need a detector")
     cv2.setNumThreads(1)  # views are looked at in parallel already
     notices = _notices(job)
-    recorder = _recorder(job, source.facts, source.sync, expected_bytes=source.bytes)
+    metadata = _metadata(job, source.facts, source.sync)
+    watch = _watch(job, metadata)
+    recorder = _recorder(job, metadata, expected_bytes=source.bytes)
     live_options = LiveOptions(
         use=job.feed.use,
         is_live=source.is_live,
@@ -109,37 +138,62 @@ def run_streams(job: Job, source: LiveInput, stop: Stop) -> Outcome:
         warnings = (*source.warnings, *recorder.notices)
         feed = LiveFeed(job.rig, source.streams, job.detector, recorder, source.now_ns, live_options)
         with live_status(feed) as last:
-            told = _Told(feed, recorder, source, last)
+            told = _Told(job.alarming, feed, recorder, source, last)
             for warning in (*warnings, *notices):
                 told.say("warning", warning)
-            with feed:
-                result = run_live(job.rig, feed, recorder, job.options, on_scene=told.scene, stop=stop)
+            with job.alarming.running(told.record), feed:
+                result = run_live(
+                    job.rig,
+                    feed,
+                    recorder,
+                    job.options,
+                    watch=watch,
+                    on_scene=told.scene,
+                    on_event=told.event,
+                    stop=stop,
+                )
                 if stop.by:
                     told.say("info", f"stopped by {stop.by}: the recording is being finished")
     why = _unmonitored(result, last.seen.reason if last.seen else "it ended before the first instant")
     seconds = told.coverage.seconds
-    return Outcome(result, recorder.close(), source.facts, source.sync, warnings, notices, why, feed.status, seconds)
+    recorded = recorder.close()
+    return Outcome(result, recorded, metadata, source.facts, source.sync, warnings, notices, why, feed.status, seconds)
 
 
 class _Told:
     """What is said of a live run while it goes on: to whoever looks, and into the recording."""
 
-    def __init__(self, feed: LiveFeed, recorder: Recorder, source: LiveInput, last: LastScene) -> None:
-        self._feed, self._recorder, self._source, self._last = feed, recorder, source, last
+    def __init__(
+        self, alarming: Alarming, feed: LiveFeed, recorder: Recorder, source: LiveInput, last: LastScene
+    ) -> None:
+        self._alarming, self._feed, self._recorder = alarming, feed, recorder
+        self._source, self._last = source, last
         self.coverage = Coverage()
 
     def scene(self, scene: Scene) -> None:
-        """Show the scene, and say where monitoring ends or begins with it."""
+        """Show the scene, pass it on to the alarms, and say where monitoring ends or begins with it."""
         self._last(scene)
+        self._alarming.scene(scene)
         change = self.coverage.see(scene)
         if change:
             self.say("error" if scene.status == "NOT MONITORED" else "warning", change)
 
+    def event(self, event: Event, phase: Phase) -> None:
+        """Show what has happened to an event, which is recorded already, and pass it on to the alarms."""
+        self._alarming.event(event, phase)
+        words = event_words(event, phase)
+        if words is not None:
+            self._feed.announce(Entry(self._source.now_ns(), *words))
+
     def say(self, level: Level, text: str) -> None:
         """Say it at once."""
+        self.record(level, text)
+        self._feed.announce(Entry(self._source.now_ns(), level, text))
+
+    def record(self, level: str, text: str) -> None:
+        """Put it into the recording alone."""
         at_ns = self._source.now_ns()
         self._recorder.log(level, text, at_ns, receive_ns=at_ns if self._source.is_live else None)
-        self._feed.announce(Entry(at_ns, level, text))
 
 
 def _unmonitored(result: RunResult, why: str) -> str | None:
@@ -147,24 +201,37 @@ def _unmonitored(result: RunResult, why: str) -> str | None:
     return None if any(status != "NOT MONITORED" for status in result.statuses) else why
 
 
-def _recorder(job: Job, facts: dict[str, str], sync: SyncReport | None, *, expected_bytes: int | None) -> Recorder:
+def _metadata(job: Job, facts: dict[str, str], sync: SyncReport | None) -> dict[str, str]:
+    """What the recording says of the run."""
     networks = job.detector.model_info if job.detector else ()
     wanted = [camera_id for camera_id, is_wanted in zip(job.rig.camera_ids, job.feed.use, strict=True) if is_wanted]
-    metadata = {
+    return {
         "association": job.options.placing.method,
         PLACING_KEY: options_text(job.options.placing),
         VIEWS_KEY: ",".join(wanted),
         "interpolate": str(job.feed.interpolate).lower(),
         **facts,
         **({"sync": json.dumps(sync.document, ensure_ascii=False)} if sync else {}),
-        **{f"model.{m.family}": f"{m.name} {m.sha256}" for m in networks},
-        **{f"notice.{m.family}": m.notice for m in networks if m.notice},
+        **network_metadata(networks),
+        **({NAME_KEY: job.rulebook.rules.name} if job.rulebook else {}),
+        **({STANDING_KEY: job.standing.line} if job.standing else {}),
     }
+
+
+def _watch(job: Job, metadata: Mapping[str, str]) -> Watch | None:
+    """The rules of the run; RigRefusedError where the rig has no floor and they need one."""
+    if job.rulebook is None:
+        return None
+    return watch_of(job.rulebook.rules, job.rig, metadata, job.geometry_digest)
+
+
+def _recorder(job: Job, metadata: Mapping[str, str], *, expected_bytes: int | None) -> Recorder:
     return Recorder(
         job.output,
         rig=job.rig,
         rig_json=job.rig_path.read_bytes(),
         metadata=metadata,
+        rules_toml=job.rulebook.toml if job.rulebook else None,
         segment_s=job.storage.segment_s,
         budget=job.storage.budget,
         expected_bytes=expected_bytes,
@@ -179,75 +246,3 @@ def _notices(job: Job) -> tuple[str, ...]:
         f"{', '.join(network.name for network in networks if network.notice == text)} (bundled): {text}"
         for text in texts
     )
-
-
-def tell_json(rig: Rig, told: Outcome, poses: Path | None) -> None:
-    """The outcome as one object on standard output."""
-    result, recorded = told.result, told.recorded
-    print_json(
-        {
-            "recording": str(recorded.path),
-            "files": [str(path) for path in recorded.files],
-            "poses": str(poses) if poses else None,
-            "verdict": rig.verdict,
-            "instants": result.instants,
-            "scenes": result.placed,
-            "stopped": result.stopped,
-            "rule": told.facts,
-            "sync": told.sync.document if told.sync else None,
-            "warnings": list(told.warnings),
-            "notices": list(told.notices),
-            "people_detected": dict(result.detections),
-            "workers": {str(track): count for track, count in result.worker_instants.items()},
-            "objects": dict(result.object_instants),
-            "monitoring": dict(result.statuses),
-            "monitoring_s": told.seconds,
-            "unmonitored": told.unmonitored,
-            "live": told.live.document if told.live else None,
-            "messages": dict(recorded.messages),
-            "recording_stopped": recorded.stopped,
-            "bytes": recorded.bytes,
-        }
-    )
-
-
-def tell(rig: Rig, told: Outcome, stop: Stop, poses: Path | None) -> None:
-    """The outcome for people."""
-    for line in _lines(rig, told, stop):
-        typer.echo(line)
-    recorded = told.recorded
-    typer.echo(f"recording {recorded.path} ({recorded.bytes / 1e6:.1f} MB, open it in Foxglove)")
-    if poses is not None:
-        typer.echo(f"poses     {poses}")
-
-
-def _lines(rig: Rig, told: Outcome, stop: Stop) -> Iterable[str]:
-    result = told.result
-    if result.stopped:
-        yield f"stopped by {stop.by}" + ("" if told.recorded.stopped else ": everything up to here is in the recording")
-    if told.unmonitored:
-        yield f"NOTHING WAS MONITORED: {told.unmonitored}"
-    blind = result.statuses.get("NOT MONITORED", 0) if told.live else 0
-    facts = ", ".join(f"{key} {value}" for key, value in told.facts.items() if not key.startswith("source."))
-    yield f"{result.instants} instants, {result.placed - blind} of them in 3D ({facts}), rig {rig.verdict}"
-    yield from _monitoring(told)
-    yield from summary(told.live) if told.live else ()
-    yield from told.sync.lines() if told.sync else ()
-    if told.recorded.stopped:
-        yield f"NOT RECORDED TO THE END: {told.recorded.stopped}"
-    for path in told.recorded.dropped:
-        yield f"{path.name} was deleted to make room"
-    yield from (f"warning: {warning}" for warning in told.warnings)
-    yield from (f"notice: {notice}" for notice in told.notices)
-    yield "people detected  " + ", ".join(f"{c} {n}" for c, n in result.detections.items())
-    yield from (f"  worker {track}: seen in 3D at {n} instants" for track, n in result.worker_instants.items())
-    yield from (f"  {name}: seen in 3D at {n} instants" for name, n in result.object_instants.items())
-
-
-def _monitoring(told: Outcome) -> Iterable[str]:
-    if told.seconds:
-        yield ", ".join(f"{status} for {lasted_s:.1f} s" for status, lasted_s in told.seconds.items())
-        return
-    for status, count in told.result.statuses.items():
-        if status != "MONITORED":
-            yield f"{status} at {count} of {told.result.instants} instants"

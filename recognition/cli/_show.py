@@ -80,9 +80,9 @@ def _lines_shown(feed: LiveFeed, last: LastScene) -> Iterator[None]:
 
     def tell() -> None:
         while not over.wait(LINE_EVERY_S):
-            _echo(line(feed.status, last.seen))
+            echo(line(feed.status, last.seen))
 
-    feed.announce = lambda entry: _echo(_words(entry))
+    feed.announce = lambda entry: echo(_words(entry))
     teller = threading.Thread(target=tell, name="status")
     teller.start()
     try:
@@ -92,7 +92,8 @@ def _lines_shown(feed: LiveFeed, last: LastScene) -> Iterator[None]:
         teller.join()
 
 
-def _echo(text: str) -> None:
+def echo(text: str) -> None:
+    """A line on standard error, where there is one."""
     with suppress(OSError):
         typer.echo(text, err=True)
 

@@ -18,6 +18,7 @@ from recognition.cli._chosen import (
     used_cameras,
 )
 from recognition.cli._show import progress
+from recognition.cli._violations import Half, holds_sequences, judge_violations, refuse_given
 
 if TYPE_CHECKING:
     from recognition.evaluation import Evaluation
@@ -39,6 +40,16 @@ def evaluate(
         typer.Option(help="Whether tracks claim detections first, or views are matched as the paper does."),
     ] = AssociationMethod.tracked,
     interpolate: InterpolateOption = False,
+    split: Annotated[
+        Half | None, typer.Option(help="Half of a data set of sequences whose violations are judged [validation].")
+    ] = None,
+    rules: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Rules to judge violations by; paper.rules.toml lies beside [site's]."),
+    ] = None,
+    cache: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Where what the networks saw in sequences is kept.")
+    ] = Path(".cache/evaluation"),
     as_json: JsonOption = False,
 ) -> None:
     """Track the workers of a data set, and score them against its truth: PCP3D, MPJPE, recall, switches, IDF1.
@@ -60,12 +71,23 @@ def evaluate(
     sequence of the generator: videos, truth.json and truth.npz.
 
     Exit code 0: done; 2: bad input, no truth, or a rig file that must not be run.
+
+    With --split or --rules, or where DATASET is a folder of sequences, violations are judged instead: by one, two and
+    all views, by the single-view baseline and by the paper's method. On --split test only by rule files that are
+    committed, and every run is appended to evaluations.jsonl beside them.
     """
     from recognition.evaluation import evaluate_people, open_dataset
     from recognition.feeds import FeedOptions, open_feed
     from recognition.placing import Placer, PlacingOptions
     from rigcal.rigfile import read_rigfile, rig_of
 
+    if split is not None or rules is not None or holds_sequences(dataset):
+        method = None if association is AssociationMethod.tracked else association.value  # rows are of both
+        refuse_given(
+            {"--rig": rig, "--detections": detections, "--association": method, "--interpolate": interpolate or None}
+        )
+        judge_violations(dataset, split or Half.validation, rules, views, cache, as_json=as_json)
+        return
     opened = open_dataset(dataset, rig=rig, detections=detections)
     document = read_rigfile(opened.rig)
     loaded = rig_of(document)

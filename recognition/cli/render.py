@@ -14,6 +14,7 @@ import typer
 from recognition.cli._amounts import seconds
 from recognition.cli._app import JsonOption, RecordingArgument, app, print_json
 from recognition.cli._chosen import used_cameras
+from recognition.cli._judged import events_of
 from recognition.cli._show import progress
 from rigcal.errors import OptionError, OutputError, writing
 
@@ -47,6 +48,10 @@ def render(
     to_s: Annotated[
         float | None, typer.Option("--to", metavar="S", help="End so many seconds after the first frame [the last].")
     ] = None,
+    events: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Show violations of this events file [those in the recording]."),
+    ] = None,
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Smooth every track by what came after, as replay --smooth.")
     ] = False,
@@ -59,6 +64,8 @@ def render(
     as_json: JsonOption = False,
 ) -> None:
     """Make a recording visible: every view with skeletons, boxes and identities, and a floor plan beside them.
+
+    Who violates a rule is red, as long as that lasts.
 
     Heads are blurred, of everybody whom the run's networks saw in any frame near; faces of people whom no network
     saw are NOT blurred. A view that was not looked at for a second is blurred as a whole, and so is every view of a
@@ -91,7 +98,7 @@ def render(
         told["layout"] = str(layout)
     if output is not None or png is not None:
         with progress(None, quiet=as_json, label="placing") as bar:
-            rendering = Rendering(footage, options, progress=bar)
+            rendering = Rendering(footage, options, events=events_of(opened, events), progress=bar)
         with progress(len(rendering.ticks_ns), quiet=as_json, label="drawing") as bar:
             told |= _pictures(rendering, output, png, every_s, codec, bar)
         told["warnings"] += _warnings(rendering, show_faces=show_faces)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,11 +20,18 @@ from recognition.cli._chosen import (
     used_cameras,
     write_poses_of,
 )
+from recognition.cli._evidence import evidence_folder, require_encoder, write_evidence
+from recognition.cli._judged import require_rules, write_log
+from recognition.cli._show import echo
 from recognition.errors import SourceError
 from rigcal.errors import OptionError, writing
 
 if TYPE_CHECKING:
-    from recognition.cli._running import Storage
+    from recognition.cli._running import Job, Outcome, Storage
+    from recognition.commissioning import Standing
+    from recognition.detectors import Detector
+    from recognition.judging import Rulebook
+    from rigcal.rigdocument import RigDocument
 
 
 class Keep(StrEnum):
@@ -65,6 +73,24 @@ def run(
     poses: Annotated[
         Path | None, typer.Option(metavar="OUT.npz", help="Also write every worker's joints in 3D.")
     ] = None,
+    rules: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Rule file, NAME.rules.toml: judge every instant by it.")
+    ] = None,
+    events: Annotated[
+        Path | None, typer.Option(metavar="OUT.json", help="Also write the violations that --rules finds.")
+    ] = None,
+    commission: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="The site's record of `recognition commission` [NAME.commission.json beside RIG]."
+        ),
+    ] = None,
+    alarms: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Alarms file: who is told of violations, and by which way.")
+    ] = None,
+    evidence: Annotated[
+        bool, typer.Option("--evidence", help="At the end, write NAME.evidence/: videos and pictures of violations.")
+    ] = False,
     views: ViewsOption = None,
     association: Annotated[
         AssociationMethod,
@@ -95,6 +121,9 @@ def run(
 ) -> None:
     """Track workers and objects in 3D over a capture or live cameras, and record frames, detections and scenes.
 
+    With --rules it also judges them: violations go into the recording, to --events and to --alarms, and it is said
+    whether these rules were commissioned on this site with these networks.
+
     Frames without --detections are looked at by the networks that come with the package; --pose-model replaces their
     people, --object-model their objects. Ctrl-C ends the run with a finished recording; so do SIGTERM and SIGHUP.
 
@@ -102,15 +131,23 @@ def run(
     rig file that must not be run; 3: not everything is in the recording, since the disk was full or too slow, or
     --max-disk used up.
     """
+    from recognition.alarms import load_alarms
     from recognition.cli import _running as running
+    from recognition.cli import _telling as telling
+    from recognition.cli._alarming import Alarming
     from recognition.cli._signals import stop_on_signal
     from recognition.feeds import FeedOptions
+    from recognition.judging import read_rulebook
     from recognition.live import chosen_sources, live_cameras, paced_capture
     from recognition.placing import PlacingOptions
     from recognition.runtime import RunOptions
     from rigcal.rigfile import read_rigfile, rig_of
     from rigcal.site import Site, load_site
 
+    require_rules(rules, events=events, commission=commission, alarms=alarms, evidence=evidence)
+    if evidence:
+        require_encoder()
+    rulebook = None if rules is None else read_rulebook(rules)
     document = read_rigfile(rig)
     loaded = rig_of(document)
     require_runnable(rig, loaded)
@@ -120,6 +157,11 @@ def run(
     if isinstance(where, dict) and detections is not None:
         raise _detections_of_live()
     require_output(output, is_live=isinstance(where, dict))
+    alarm_options = None if alarms is None else load_alarms(alarms, os.environ)
+    detector = detector_of(object_model, pose_model, needed=where is not None and detections is None)
+    standing = None if rulebook is None else _standing(rig, commission, rulebook, document, detector)
+    if standing is not None and not as_json:
+        echo(standing.line)
     job = running.Job(
         rig_path=rig,
         output=output,
@@ -133,9 +175,13 @@ def run(
             keep_scenes=poses is not None,
         ),
         storage=_storage(segment, max_disk, keep),
-        detector=detector_of(object_model, pose_model, needed=where is not None and detections is None),
+        detector=detector,
         clock_age_s=(known_site.clock_age_s if known_site else Site.model_fields["clock_age_s"].default),
         quiet=as_json,
+        rulebook=rulebook,
+        geometry_digest=document.geometry_digest,
+        alarming=Alarming(alarm_options, output),
+        standing=standing,
     )
     with writing(output), stop_on_signal() as stop:
         if isinstance(where, dict):
@@ -144,13 +190,56 @@ def run(
             told = running.run_streams(job, paced_capture(where, loaded, job.feed), stop)
         else:
             told = running.run_files(job, where, detections, stop)
-    if poses is not None:
-        write_poses_of(told.result.scenes, loaded, poses)
+    book = None if rulebook is None else rulebook.rules
+    written = _written(job, told, poses, events, evidence)
     if as_json:
-        running.tell_json(loaded, told, poses)
+        telling.tell_json(loaded, told, book, written)
     else:
-        running.tell(loaded, told, stop, poses)
+        telling.tell(loaded, told, stop, book, written)
     raise typer.Exit(told.exit_code)
+
+
+def _standing(
+    rig: Path, given: Path | None, rulebook: Rulebook, document: RigDocument, detector: Detector | None
+) -> Standing:
+    """What the site's record says to this run; CommissionError where one was asked for that does not count."""
+    from recognition.commissioning import networks_of, standing_of
+    from recognition.judging import network_metadata
+
+    return standing_of(
+        rig,
+        given,
+        rules_digest=rulebook.rules.digest,
+        rig_digest=document.geometry_digest,
+        networks=networks_of(network_metadata(detector.model_info if detector else ())),
+    )
+
+
+def _written(job: Job, told: Outcome, poses: Path | None, events: Path | None, evidence: bool) -> dict[str, Path]:
+    """Write what is wanted beside the recording."""
+    written: dict[str, Path] = {}
+    result, book = told.result, job.rulebook
+    if poses is not None:
+        write_poses_of(result.scenes, job.rig, poses)
+        written["poses"] = poses
+    if book is not None and events is not None:
+        write_log(
+            events,
+            recording=job.output,
+            rules=book.rules,
+            rig=job.rig,
+            geometry_digest=job.geometry_digest,
+            metadata=told.metadata,
+            association=job.options.placing.method,
+            smoothed=False,
+            monitoring=result.statuses,
+            events=result.events,
+        )
+        written["events_file"] = events
+    if evidence:
+        write_evidence(job.output, result.events, quiet=job.quiet)
+        written["evidence"] = evidence_folder(job.output)
+    return written
 
 
 def _storage(segment: str | None, max_disk: str | None, keep: Keep | None) -> Storage:

@@ -13,6 +13,7 @@ from recognition.synthetic_views import DetectorNoise
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools" / "bench"))
 from runtime_crowds import METHODS, given_the_association, tracked
 from runtime_plot import Curve, growth_plot
+from runtime_rejudge import rejudged
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -30,6 +31,15 @@ def test_perfect_detections_are_worth_full_marks(method):
     scores = tracked(people, method)
     assert scores.pcp3d > 0.93
     assert scores.mpjpe_m < 0.01
+
+
+def test_what_is_judged_again_both_ways_is_the_same_and_costs_less_by_the_tracks(tmp_path):
+    line = rejudged(tmp_path, 0.05)
+    assert line["same_events"] is True
+    assert line["events_per_hour"] >= 1200  # one or more in three seconds
+    assert line["frame_sets_per_hour"] == 54_000
+    assert 1000 < line["tracks_bytes_per_frame_set"] < line["recording_bytes_per_frame_set"]
+    assert 0.0 < line["ratio"] < 1.0
 
 
 def test_the_plot_has_every_figure_where_it_belongs():

@@ -7,6 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from recognition.evaluation.found import compare_events
+from recognition.evaluation.violations import KINDS as VIOLATIONS
+from recognition.evaluation.violations import Stretch, Violations
+from recognition.events import Actor, Event
 from rigcal.rig import ClockModel, Rig, RigCamera
 from rigcal.rigdocument import SigmaEntry
 from rigcal.rigfile import document_of_rig
@@ -96,6 +100,20 @@ def test_workers_are_counted_found_missed_and_false(truth, tmp_path):
     assert found.share == pytest.approx(0.9)
 
 
+def found(*spans):
+    """Events of the window beside a truth in which it is carried by one alone from 0.2 s to 1.2 s."""
+    start_ns = round(EPOCH_S * 1e9)
+    events = [
+        Event(
+            f"e{n}", "window", "one alone", "warning", start_ns + round(a * 1e9), start_ns + round(a * 1e9),
+            start_ns + round(b * 1e9), (Actor("worker", 1, "w"),), (), ("cam0",), 1.0, "MONITORED", "r", "g", "PASS",
+        )
+        for n, (a, b) in enumerate(spans)
+    ]  # fmt: skip
+    stretches = tuple((Stretch(0.2, 1.2),) if kind == "window" else () for kind in VIOLATIONS)
+    return compare_events(Violations(start_ns, stretches), events)
+
+
 def test_the_page_holds_every_section_picture_and_figure(truth, tmp_path):
     poses_file(tmp_path / "poses.npz", truth)
     document = known(rig())
@@ -109,6 +127,7 @@ def test_the_page_holds_every_section_picture_and_figure(truth, tmp_path):
         objects=(),
         tracks=ground_tracks(tmp_path / "poses.npz"),
         probed_s=240.0,
+        violations=found((0.3, 1.1), (1.75, 1.9)),
         warnings=("networks <trained on simulated sites>",),
         steps=(Step("rigcal calibrate", 12.5),),
     )
@@ -122,8 +141,11 @@ def test_the_page_holds_every_section_picture_and_figure(truth, tmp_path):
     assert page.count('class="found"') == page.count('class="true"') == WORKERS
     assert "6 of 6 limits on cameras and clocks are kept" in page
     assert "networks &lt;trained on simulated sites&gt;" in page
-    assert "it is a result" not in page
-    assert "the truth that the sequence was made with, not a result" in page
+    assert "1 of 1 violations were found within a second of their start; 1 were found where there was none" in page
+    assert page.count('<i class="was"') == 2
+    assert page.count('<i class="judged"') == page.count('<i class="judged false"') == 1
+    assert "left:15.00%;width:40.00%" in page  # 0.3 to 1.1 of 2.0 s
+    assert "+0.10" in page
     assert all(words in page for words in KINDS.values())
     assert 'src="http' not in page
     assert 'href="http' not in page

@@ -44,7 +44,7 @@ def test_the_folder_is_complete_and_small():
     videos = [SITE / part / f"{name}.mp4" for part in ("boards", "floor", "work") for name in CAMERAS]
     tables = [SITE / part / "timestamps.csv" for part in ("boards", "floor", "work")]
     others = [WORK / name for name in ("truth.json", "truth.npz", "true.rig.json", "scene.json")]
-    texts = [SITE / name for name in ("demo.site.toml", "demo.rules.toml", "clock_probes.csv")]
+    texts = [SITE / name for name in ("demo.site.toml", "demo.rig.json", "clock_probes.csv")]
     wanted = {*videos, *tables, *others, *texts}
     assert {path for path in SITE.rglob("*") if path.is_file()} == wanted
     assert sum(path.stat().st_size for path in wanted) <= 15e6
@@ -127,8 +127,15 @@ def test_site_and_rules_say_what_the_videos_hold(truth):
     site = load_site(SITE / "demo.site.toml")
     assert tuple(camera.id for camera in site.cameras) == CAMERAS == truth.rig.camera_ids
     assert all(camera.size_wh == (1920, 1080) and camera.clock for camera in site.cameras)
-    rules = tomllib.loads((SITE / "demo.rules.toml").read_text())
+    rules = tomllib.loads((SITE.parent / "site.rules.toml").read_text())
     assert {rule["name"] for rule in rules["rules"]} == {one["kind"] for one in truth.facts["violations"]}
+
+
+def test_the_rig_that_is_kept_is_a_calibrated_one_and_near_the_truth(truth):
+    kept = read_rigfile(SITE / "demo.rig.json")
+    assert (kept.verdict, [step.command for step in kept.history]) == ("PASS", ["calibrate", "world", "sync probe"])
+    assert all(one.holds for one in (*camera_errors(kept, truth.rig), *clock_errors(kept, truth)))
+    assert floor_error(kept, truth.rig).tilt_deg < 0.2
 
 
 @pytest.fixture(scope="module")

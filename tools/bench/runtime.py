@@ -1,11 +1,12 @@
 """`make bench-runtime`: from 2D detections to tracks in 3D, ours beside the paper's method; one JSON object per line.
 
 Parts: ``frame_set`` (four cameras, four workers, 14 objects), ``growth`` (to 20 cameras and 20 workers, drawn to
-``out/bench-runtime.svg``) and ``crowds`` (what the tracks are worth, see :mod:`runtime_crowds`). Times are the CPU time
+``out/bench-runtime.svg``), ``crowds`` (what the tracks are worth, see :mod:`runtime_crowds`) and ``rejudge`` (an hour
+judged by other rules, see :mod:`runtime_rejudge`). Times are the CPU time
 of one thread, which is what other work on the machine lengthens least; of the frame set also the time on the wall.
 Fixed seeds.
 
-    python tools/bench/runtime.py [frame_set growth crowds]
+    python tools/bench/runtime.py [frame_set growth crowds rejudge]
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import numpy as np
 from runtime_crowds import METHODS, crowds, placer_of
 from runtime_plot import Curve, growth_plot
+from runtime_rejudge import rejudge
 
 from recognition.synthetic import semicircle_rig, simulate
 from recognition.synthetic_crowds import Crowd
@@ -104,7 +106,12 @@ def _times_ms(method: str, *, cameras: int, workers: int, frames: int) -> tuple[
     return tuple(1e-6 * np.array(times, dtype=float).T)
 
 
-PARTS: Mapping[str, Callable[[], Iterator[Line]]] = {"frame_set": frame_set, "growth": growth, "crowds": crowds}
+PARTS: Mapping[str, Callable[[], Iterator[Line]]] = {
+    "frame_set": frame_set,
+    "growth": growth,
+    "crowds": crowds,
+    "rejudge": rejudge,
+}
 
 
 def main(names: list[str]) -> int:
