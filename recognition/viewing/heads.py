@@ -149,7 +149,7 @@ def blur(image_bgr: NDArray[np.uint8], discs: Floats) -> None:
         mask = np.zeros((height, width), dtype=np.uint8)
         for x, y, radius in np.clip(known[sizes == size], -_FAR, _FAR).tolist():
             cv2.circle(mask, (round(x), round(y)), int(radius) + 1, 255, -1)
-        np.copyto(image_bgr, _averaged(original, 2**size), where=mask[..., None] > 0)
+        cv2.copyTo(_averaged(original, 2**size), mask, image_bgr)
 
 
 def blur_all(image_bgr: NDArray[np.uint8]) -> None:

@@ -199,8 +199,8 @@ class Rendering:
         if heads is None:
             blur_all(image)
         elif not self._options.show_faces:
-            blur(image, np.column_stack([shown.pixels(heads[:, :2]), heads[:, 2] * shown.scale]))
-            blur(image, _tracked_heads(shown, scene, (width, height)))
+            seen = np.column_stack([shown.pixels(heads[:, :2]), heads[:, 2] * shown.scale])
+            blur(image, np.concatenate([seen, _tracked_heads(shown, scene, (width, height))]))
         if scene is not None:
             self._draw(image, v, scene, marks)
         self._mosaic.place(picture, place, image)
