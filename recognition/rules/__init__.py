@@ -38,9 +38,9 @@ that is nobody else's, and that a camera saw in the last quarter of a second.
 over the last half second. Points of workers are ``head`` (between the ears, else eyes, nose), ``crown`` (0.09 m above
 it along the body, where the middle of a hard hat is that is worn), ``neck`` (between the shoulders), ``torso`` (mean of
 shoulders and hips), ``feet`` (between the ankles), ``hands`` (the nearer wrist) and the joints; of objects ``o`` (its
-centre) and ``o.bottom``. Distances are also measured from ``l.axis`` of ladders (``xy``: on the point's own level),
-``p.footprint`` (xy) and ``p.top`` (z; of feet and ankles from where they are on it, 0.08 m above) of decks,
-``o.extent``, and zones (xy).
+centre) and ``o.bottom`` (by their boxes; of windows between that and their keypoints). Distances are also measured from
+``l.axis`` of ladders (``xy``: on the point's own level), ``p.footprint`` (xy) and ``p.top`` (z; of feet and ankles from
+where they are on it, 0.08 m above) of decks, ``o.extent``, and zones (xy).
 
 **Limits** bear a unit: ``m cm mm H m/s km/h``. ``H`` is the height of the worker whom the measure is about: the median
 over the track of what the segments of the body add up to. ``> 0.15 H exit 0.12 H`` has another limit while the

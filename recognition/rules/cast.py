@@ -12,6 +12,10 @@ instead of estimates (0 to 2 m from the middle of a window, a deck of 0 to 1.5 m
 for 21 % of the objects and instants, `platform` for 5, estimates 8 and 0; F1 is 0.83 and 0.93, with estimates 0.95 and
 0.95, and neither raises a false alarm more. The lengths are chosen by hand, not fitted.
 
+Decision: the bottom of a window is between where its keypoints and where its boxes have it, which are two measures: on
+the same sequences the one is 0.28 m and the other 0.20 m off for one window in ten. A window that stands on the floor
+by one of them is not known to be carried.
+
 Decision: an object that the scene does not tell is not there for ``exists`` and ``count``, since the tracker tells an
 object for half a second after it was seen; a worker stays for :data:`LOST_S`. Hidden people are the common reason of
 false alarms: who holds the ladder stands behind it. That a hat is on no head is therefore only as sure as the cameras
@@ -74,9 +78,10 @@ def _reaches() -> tuple[tuple[tuple[float, int], ...], ...]:
 _REACHES = _reaches()
 _SEGMENTS = (((13, 15), (14, 16), 0.246), ((11, 13), (12, 14), 0.245))
 """Shank and thigh of both sides, and their share of the body height (Drillis and Contini)."""
-_TRUNK_SHARE, _NECK_SHARE, _LEAST_SHARE = 0.288, 0.107, 0.5
+_TRUNK_SHARE, _NECK_SHARE, _LEAST_SHARE = 0.288, 0.107, 0.39
 """From the middle of the hips to that of the shoulders, and from there to the middle of the ears; and how much of the
-height the segments in sight must make up."""
+height the segments in sight must make up: those two do, whose sum is 1.025 of what all make up in the median of 1658
+workers and instants of 12 validation sequences of SICSG, 0.96 to 1.10 for nine of ten."""
 
 
 class Person:
@@ -218,13 +223,12 @@ class Thing:
         """``centre`` or ``bottom``."""
         if name == "centre":
             return self.middle
-        if self.body is not None and self.shape == "pane":
-            return (*self.body.bottom, 0.0)
         x, y, z, radius = self.middle
-        height = self.size_m[1]
-        if not isnan(height):
-            return x, y, z - height / 2, radius
-        return x, y, z, radius + _SMALL_M
+        by_box_m = z - self.size_m[1] / 2
+        if self.body is not None and self.shape == "pane":
+            x, y, z = self.body.bottom
+            return (x, y, z, 0.0) if isnan(by_box_m) else (x, y, (z + by_box_m) / 2, abs(z - by_box_m) / 2)
+        return (x, y, z, radius + _SMALL_M) if isnan(by_box_m) else (x, y, by_box_m, radius)
 
     def views(self, _point: str) -> int:
         """How many cameras see it now."""

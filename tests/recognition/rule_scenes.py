@@ -70,14 +70,14 @@ def platform(track, x, y, *, top=0.6, name="platform"):
     return thing(track, name, [x, y, top / 2], keypoints=corners)
 
 
-def window(track, x, y, bottom, *, known=(0, 1, 2, 3)):
-    """1.4 m wide along x, 1.6 m high."""
+def window(track, x, y, bottom, *, known=(0, 1, 2, 3), box_m=1.6):
+    """1.4 m wide along x, 1.6 m high; so high are its boxes."""
     points = np.array(
         [[x - 0.7, y, bottom + 1.6], [x + 0.7, y, bottom + 1.6], [x + 0.7, y, bottom], [x - 0.7, y, bottom]]
     )
     shown = np.full((4, 3), np.nan)
     shown[list(known)] = points[list(known)]
-    return thing(track, "large_window", points.mean(axis=0), keypoints=shown)
+    return thing(track, "large_window", points.mean(axis=0), keypoints=shown, size=(1.4, box_m))
 
 
 def rule(when, *, definitions="", more="", **times):

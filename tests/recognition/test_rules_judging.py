@@ -191,6 +191,17 @@ def test_a_window_on_the_floor_may_be_touched_by_one():
     assert film.raised() == []
 
 
+@pytest.mark.parametrize(("bottom", "box_m"), [(0.25, 2.1), (0.0, 1.1)], ids=["keypoints high", "boxes high"])
+def test_a_window_that_stands_by_its_boxes_or_its_keypoints_is_not_known_to_be_carried(bottom, box_m):
+    def held_for_2_s(window_there):
+        return Film(SITE).show([worker(1, 0, -0.4, hands=[0, 0, 1.0])], [window_there, hat(11, 0, -0.4)], 2.0).raised()
+
+    assert held_for_2_s(window(9, 0, 0, bottom, box_m=box_m)) == []
+    assert held_for_2_s(window(9, 0, 0, 0.25)) == [("window", near(0.0), None)]
+    high = margin("each large_window o: clearance(o.bottom) > 0.1 m", [], [window(9, 0, 0, 0.25, box_m=1.8)])
+    assert high == pytest.approx(0.15 / 0.1 - 1)
+
+
 def test_a_window_in_its_opening_may_be_touched_by_one():
     opening = "[openings.wall]\nfrom_m = [-0.7, 0.0]\nto_m = [0.7, 0.0]\nheight_m = [0.9, 2.5]"
     when = "each large_window o: not mounted(o)"
@@ -262,6 +273,17 @@ def test_height_is_the_median_of_the_segments_and_scales_limits():
     assert margin("each w: clearance(w.head) > 0.5 H", [worker(1, 0, 0)]) == pytest.approx(
         head_m(0, 0)[2] / (0.5 * HEIGHT_M) - 1, abs=0.01
     )
+
+
+def test_a_height_is_told_by_trunk_and_neck_alone_and_by_no_less():
+    def height_m(*unseen):
+        film = Film(rule("each w: clearance(w.head) > 0.9 H")).show([worker(1, 0, 0, unseen=unseen)], seconds=1)
+        return film.last.verdicts[0].truth, film.watch.judge.explain("r")[0].why.detail.partition("limit ")[2]
+
+    is_above, limit = height_m(1, 2, 7, 8, 13, 14)
+    assert is_above is True
+    assert float(limit.removesuffix(" m (0.9 H)")) == pytest.approx(0.9 * HEIGHT_M, abs=0.03)
+    assert height_m(3, 4, 7, 8, 13, 14)[0] is None
 
 
 def test_speed_is_over_half_a_second_and_unknown_before():
