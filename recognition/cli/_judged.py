@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigcal.errors import OptionError
+from rigcal.errors import OptionsError
 
 if TYPE_CHECKING:
     from recognition.events import Event
@@ -20,11 +20,16 @@ def require_rules(rules: Path | None, **given: object) -> None:
     """Refuse options that say something about events where no rules find any.
 
     Raises:
-        OptionError: where one is given without rules.
+        OptionsError: where one is given without rules.
     """
     for name, value in given.items():
         if value and rules is None:
-            raise OptionError(f"--{name}", expected="--rules FILE beside it, which says what must not be", got=value)
+            raise OptionsError(
+                f"--{name}",
+                expected="--rules FILE beside it, which says what must not be",
+                got="no --rules",
+                do_next=f"add --rules FILE, or leave --{name} out",
+            )
 
 
 def write_log(

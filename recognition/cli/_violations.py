@@ -13,7 +13,7 @@ import typer
 from recognition.cli._app import print_json
 from recognition.cli._chosen import detector_of, require_runnable, used_cameras
 from recognition.cli._show import progress
-from rigcal.errors import OptionError
+from rigcal.errors import OptionsError
 
 SITE_RULES, PAPER_RULES = Path("rig_configs/site.rules.toml"), "paper.rules.toml"
 _TITLE, _CELL = "{:<42}", "{:>22}"
@@ -37,11 +37,16 @@ def refuse_given(options: Mapping[str, object]) -> None:
     """Refuse options that say nothing about violations of sequences.
 
     Raises:
-        OptionError: where one is given.
+        OptionsError: where one is given.
     """
     for name, value in options.items():
         if value is not None:
-            raise OptionError(name, expected="nothing, where violations of sequences are judged", got=str(value))
+            raise OptionsError(
+                name,
+                expected="a data set of tracks; here violations of sequences are judged",
+                got=str(value),
+                do_next=f"leave {name} out",
+            )
 
 
 def judge_violations(

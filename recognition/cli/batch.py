@@ -12,7 +12,7 @@ import typer
 
 from recognition.cli._app import JsonOption, app, print_json
 from recognition.cli._show import echo
-from rigcal.errors import OptionError
+from rigcal.errors import OptionsError
 
 if TYPE_CHECKING:
     from recognition.batch import BatchResult, Orders, Row
@@ -78,7 +78,12 @@ def _crew(jobs: int | None, dask: str | None, dask_count: int | None) -> Abstrac
     given = {"--jobs": jobs, "--dask": dask, "--dask-workers": dask_count}
     names = [name for name, value in given.items() if value is not None]
     if len(names) > 1:
-        raise OptionError(names[1], expected=f"nothing, beside {names[0]}", got=given[names[1]])
+        raise OptionsError(
+            names[1],
+            expected=f"either it or {names[0]}",
+            got=f"{names[1]} {given[names[1]]}, {names[0]} {given[names[0]]}",
+            do_next="leave one of them out",
+        )
     if dask is not None:
         return dask_scheduler(dask)
     if dask_count is not None:

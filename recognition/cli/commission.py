@@ -13,7 +13,7 @@ from recognition.cli._app import JsonOption, app, print_json
 from recognition.cli._chosen import DEFAULT_FPS, declared_fps, detector_of, require_output, require_runnable
 from recognition.cli._show import progress
 from recognition.errors import CommissionError
-from rigcal.errors import OptionError, writing
+from rigcal.errors import OptionError, OptionsError, writing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -87,7 +87,12 @@ def commission(
     document, path = read_rigfile(rig), output or record_beside(rig)
     if recording is not None:
         if source or site:
-            raise OptionError("--recording", expected="no --source or --site beside it", got=recording)
+            raise OptionsError(
+                "--recording",
+                expected="no --source or --site beside it",
+                got="both",
+                do_next="leave --source and --site out to look at a recording of the walk",
+            )
         recorded, performed = _opened(recording, document), None
     else:
         asks = not clock and sys.stdin.isatty()

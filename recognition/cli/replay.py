@@ -13,7 +13,7 @@ from recognition.cli._chosen import AssociationMethod, write_poses_of
 from recognition.cli._evidence import evidence_folder, require_encoder, write_evidence
 from recognition.cli._judged import event_lines, write_log
 from recognition.cli._show import progress
-from rigcal.errors import OptionError
+from rigcal.errors import OptionsError
 
 if TYPE_CHECKING:
     from recognition.judging import Rulebook
@@ -114,9 +114,19 @@ def _require(rulebook: Rulebook | None, is_as_run: bool, events: Path | None, ev
     """Refuse what there are no rules for, and evidence of other tracks than the pictures would show."""
     for name, value in (("--events", events), ("--evidence", evidence)):
         if value and rulebook is None:
-            raise OptionError(name, expected="--rules FILE, since the run was judged by none", got=value)
+            raise OptionsError(
+                name,
+                expected="--rules FILE beside it, since the run was judged by none",
+                got="no --rules",
+                do_next=f"add --rules FILE, or leave {name} out",
+            )
     if evidence and not is_as_run:
-        raise OptionError("--evidence", expected="tracks placed as the run did", got="another --association")
+        raise OptionsError(
+            "--evidence",
+            expected="tracks placed as the run did",
+            got="another --association",
+            do_next="leave --association or --evidence out",
+        )
     if evidence:
         require_encoder()
 

@@ -24,7 +24,7 @@ from recognition.cli._evidence import evidence_folder, require_encoder, write_ev
 from recognition.cli._judged import require_rules, write_log
 from recognition.cli._show import echo
 from recognition.errors import SourceError
-from rigcal.errors import OptionError, writing
+from rigcal.errors import OptionsError, writing
 
 if TYPE_CHECKING:
     from recognition.cli._running import Job, Outcome, Storage
@@ -248,7 +248,12 @@ def _storage(segment: str | None, max_disk: str | None, keep: Keep | None) -> St
     from recognition.recording import DiskBudget
 
     if keep is Keep.newest and segment is None:
-        raise OptionError("--segment", expected="a time such as 10min, which --keep newest needs", got=None)
+        raise OptionsError(
+            "--keep newest",
+            expected="--segment TIME beside it: whole segments are deleted",
+            got="no --segment",
+            do_next="add --segment 10min",
+        )
     return Storage(
         segment_s=None if segment is None else seconds("--segment", segment),
         budget=DiskBudget(

@@ -4,6 +4,7 @@
     ├── BoardSpecError            a --board string that cannot be read, or a size without a unit
     ├── SiteFileError             a hand-written site file with a mistake
     ├── OptionError               an option of a stage outside its range
+    │   └── OptionsError              options that do not go together
     ├── OutputError               a file that cannot be written
     ├── TargetError               a board that cannot be printed as asked
     ├── MeasuredLengthError       a length measured by hand that cannot be read, or between unknown cameras
@@ -56,7 +57,7 @@ Every message says what is wrong, where, what was expected, what was got, and wh
 
 from __future__ import annotations
 
-from rigcal.errors._base import OptionError, OutputError, RigcalError, writing
+from rigcal.errors._base import OptionError, OptionsError, OutputError, RigcalError, writing
 from rigcal.errors._calibration import CalibrationError, NotConnectedError, SisterError, TooFewViewsError
 from rigcal.errors._captures import (
     BrokenFileError,
@@ -126,6 +127,7 @@ __all__ = [
     "NotConnectedError",
     "NotFlatError",
     "OptionError",
+    "OptionsError",
     "OutputError",
     "ProbeLogError",
     "RecordedClocksError",

@@ -41,6 +41,15 @@ class OptionError(RigcalError):
         )
 
 
+class OptionsError(OptionError):
+    """Options that do not go together, or one that needs another."""
+
+    def __init__(self, name: str, *, expected: str, got: str, do_next: str) -> None:
+        RigcalError.__init__(
+            self, f"option {name} cannot be used like this", expected=expected, got=got, do_next=do_next
+        )
+
+
 class OutputError(RigcalError):
     """A result cannot be written."""
 

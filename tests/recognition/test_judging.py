@@ -36,7 +36,7 @@ from recognition.rules import parse_rules
 from recognition.runtime import RunOptions, run, run_live
 from recognition.sources.detections_file import write_detections
 from recognition.sources.recording import open_recording
-from rigcal.errors import OptionError
+from rigcal.errors import OptionsError
 from rigcal.rigfile import read_rigfile
 
 GAP = {(k, v) for k in (9, 10) for v in (0, 1, 2)} | {(15, 0)}
@@ -338,9 +338,9 @@ def test_a_run_says_whether_its_site_is_commissioned(site):
 )
 def test_what_needs_rules_is_refused_without_them(site, detections, option):
     error = error_of("run", site.rig_path, "--detections", detections, "-o", site.folder / "no.mcap", *option)
-    assert isinstance(error, OptionError)
+    assert isinstance(error, OptionsError)
     assert option[0] in str(error)
-    assert "--rules FILE beside it" in str(error)
+    assert f"add --rules FILE, or leave {option[0]} out" in str(error)
     assert not list(site.folder.glob("no.*"))
 
 
@@ -349,7 +349,7 @@ def test_a_replay_without_rules_anywhere_refuses_events(site, detections):
     assert invoke("run", site.rig_path, "--detections", detections, "-o", recording)[0] == 0
     assert recorded_rulebook(open_recording(recording)) is None
     error = error_of("replay", recording, "--events", site.folder / "x.json")
-    assert isinstance(error, OptionError)
+    assert isinstance(error, OptionsError)
     assert "the run was judged by none" in str(error)
     assert invoke("replay", recording)[0] == 0
 

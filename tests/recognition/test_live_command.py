@@ -20,7 +20,7 @@ from recognition.live import Entry
 from recognition.recording import check_recording, iter_messages, read_metadata, recording_files
 from recognition.status import LiveStatus
 from recognition.synthetic import semicircle_rig
-from rigcal.errors import OptionError, RigcalError
+from rigcal.errors import OptionError, OptionsError, RigcalError
 from rigcal.rigfile import document_of_rig, write_rigfile
 
 START_NS = 1_775_986_200_000_000_000
@@ -125,7 +125,7 @@ def test_what_would_fail_at_the_end_is_refused_at_the_start(site, tmp_path):
         "  do next:  give another name with -o, or move it away: nothing is overwritten"
     )
     assert (tmp_path / "r.mcap").read_bytes() == b"of yesterday"
-    with pytest.raises(OptionError, match="--segment as a time such as 10min, which --keep newest needs"):
+    with pytest.raises(OptionsError, match="add --segment 10min"):
         command(site / "s.rig.json", *LIVE, "-o", tmp_path / "s.mcap", "--keep", "newest")
 
 
