@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,6 +26,21 @@ InterpolateOption = Annotated[
     ),
 ]
 RecordingArgument = Annotated[Path, typer.Argument(metavar="IN.mcap", help="A recording.")]
+
+
+class VideoCodec(StrEnum):
+    """How an mp4 is encoded."""
+
+    h264 = "h264"
+    mpeg4 = "mpeg4"
+
+
+CodecOption = Annotated[
+    VideoCodec, typer.Option(help="mpeg4 where FFmpeg has no H.264 encoder; browsers do not show it.")
+]
+ShowFacesOption = Annotated[
+    bool, typer.Option("--show-faces", help="Do not blur heads: only where the people shown agreed to that.")
+]
 
 
 @app.callback()

@@ -7,10 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from recognition.cli._app import JsonOption, RecordingArgument, app, print_json
+from recognition.cli._app import (
+    CodecOption,
+    JsonOption,
+    RecordingArgument,
+    ShowFacesOption,
+    VideoCodec,
+    app,
+    print_json,
+)
 from recognition.cli._evidence import evidence_folder, require_encoder, write_evidence
 from recognition.cli._judged import events_of
-from recognition.cli.render import VideoCodec
 from recognition.errors import EventsError
 
 if TYPE_CHECKING:
@@ -31,18 +38,14 @@ def evidence(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="Write to this folder [NAME.evidence].")
     ] = None,
-    show_faces: Annotated[
-        bool, typer.Option("--show-faces", help="Do not blur heads: only where the people shown agreed to that.")
-    ] = False,
-    codec: Annotated[
-        VideoCodec, typer.Option(help="mpeg4 where FFmpeg has no H.264 encoder; browsers do not show it.")
-    ] = VideoCodec.h264,
+    show_faces: ShowFacesOption = False,
+    codec: CodecOption = VideoCodec.h264,
     as_json: JsonOption = False,
 ) -> None:
     """Write a folder for each violation: a video of all views from 5 s before to 5 s after, pictures, margins.
 
     Heads are blurred as `recognition render` does. NAME.evidence beside the recording is deleted together with it by
-    `recognition retention`; another folder is not.
+    `recognition retain`; another folder is not.
 
     Exit code 0: done, also where nothing was violated; 2: not a recording, or no such event.
     """

@@ -5,14 +5,21 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from recognition.cli._amounts import seconds
-from recognition.cli._app import JsonOption, RecordingArgument, app, print_json
+from recognition.cli._app import (
+    CodecOption,
+    JsonOption,
+    RecordingArgument,
+    ShowFacesOption,
+    VideoCodec,
+    app,
+    print_json,
+)
 from recognition.cli._chosen import used_cameras
 from recognition.cli._judged import events_of
 from recognition.cli._show import progress
@@ -20,13 +27,6 @@ from rigcal.errors import OptionError, OutputError, writing
 
 if TYPE_CHECKING:
     from recognition.viewing import Picture, Rendering
-
-
-class VideoCodec(StrEnum):
-    """How an mp4 is encoded."""
-
-    h264 = "h264"
-    mpeg4 = "mpeg4"
 
 
 @app.command()
@@ -55,12 +55,8 @@ def render(
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Smooth every track by what came after, as replay --smooth.")
     ] = False,
-    show_faces: Annotated[
-        bool, typer.Option("--show-faces", help="Do not blur heads: only where the people shown agreed to that.")
-    ] = False,
-    codec: Annotated[
-        VideoCodec, typer.Option(help="mpeg4 where FFmpeg has no H.264 encoder; browsers do not show it.")
-    ] = VideoCodec.h264,
+    show_faces: ShowFacesOption = False,
+    codec: CodecOption = VideoCodec.h264,
     as_json: JsonOption = False,
 ) -> None:
     """Make a recording visible: every view with skeletons, boxes and identities, and a floor plan beside them.
