@@ -30,7 +30,15 @@ class _Strict(BaseModel):
 
 
 class GateLimits(_Strict):
-    """The limit of every gate. A value on the wrong side of its limit means RECAPTURE."""
+    """The limit of every gate. A value on the wrong side of its limit means RECAPTURE.
+
+    The limits of calibration and clocks are on the safe side of what recognition bears: injected into the validation
+    half of SICSG (``python -m tools.study``, 12 sequences, 5 seeds), errors at ``position_sigma_m``, ``scene_sigma_m``
+    and ``clock_error_m`` cost the balanced accuracy of the four violations 0.1 points at most. 2 points are lost where
+    the scene's middle is misplaced by 77 mm (exact detector) or 46 mm (one that errs as the bundled networks do): 2.3
+    times the limit. A camera displaced about the scene, as boards leave it, costs 2 points from 320 mm on: what counts
+    is ``scene_sigma_m``.
+    """
 
     intrinsic_rmse_px: PositiveFloat = Field(default=0.5, description="RMSE of each camera calibrated alone, at most")
     pairwise_rmse_px: PositiveFloat = Field(
