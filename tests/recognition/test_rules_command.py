@@ -2,7 +2,6 @@
 
 import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 sys.path.insert(0, str(Path(__file__).parent))
+from judged_runs import bare
 from rule_scenes import CONFIGS, HEADER, Film, rule, thing, worker
 
 from recognition.cli import app
@@ -47,7 +47,7 @@ def recorded(tmp_path_factory):
     site, placing = simulate(rig, workers=2, frames=FRAMES, fps=FPS, seed=1), PlacingOptions()
     instants = []
     for k in range(FRAMES):
-        views = tuple(without_second_hat(view.detections) for view in observe(site, k))
+        views = tuple(bare(view.detections) for view in observe(site, k))
         t_ns = 10**18 + round(k * 1e9 / FPS)
         instants.append(Instant(FrameSet(k, t_ns, (None,) * len(views)), views))
     metadata = {PLACING_KEY: options_text(placing), VIEWS_KEY: ",".join(rig.camera_ids)}
@@ -56,19 +56,6 @@ def recorded(tmp_path_factory):
     with Recorder(path, rig=rig, rig_json=rig_json, metadata=metadata) as recorder:
         result = run(rig, instants, recorder, RunOptions(placing=placing))
     return path, rig, result.scenes
-
-
-def without_second_hat(view):
-    """What a camera saw, without the second of two hats: hats come before all else."""
-    hats = [n for n, name in enumerate(view.object_class) if name == "hard_hat"]
-    keep = [n for n in range(len(view.object_class)) if n not in hats[1:]]
-    return replace(
-        view,
-        object_class=tuple(view.object_class[n] for n in keep),
-        object_xyxy=view.object_xyxy[keep],
-        object_score=view.object_score[keep],
-        object_keypoints_px=view.object_keypoints_px[keep],
-    )
 
 
 def test_check_names_the_rules_of_sound_files_and_the_line_of_others(tmp_path):
