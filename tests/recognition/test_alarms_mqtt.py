@@ -137,6 +137,7 @@ def test_a_broker_that_is_killed_and_comes_back_gets_everything_once(tmp_path, b
         alarms.heartbeat("MONITORED", "", T0)
         alarms.raise_(event("before"))
         wait_for(lambda: subscriber.events == ["before/raised"])
+        subscriber.close()  # who listens next is then the only one, and hears all in order
         broker.kill()
         alarms.raise_(event("during"))
         alarms.raise_(event("during", end_s=1))
@@ -145,11 +146,7 @@ def test_a_broker_that_is_killed_and_comes_back_gets_everything_once(tmp_path, b
         again = Subscriber(broker.port)
         alarms.raise_(event("after"))
         wait_for(lambda: "after/raised" in again.events)
-        assert set(subscriber.events + again.events) == {
-            "before/raised", "during/raised", "during/ended", "after/raised"
-        }  # fmt: skip
-        assert again.events[-2:] == ["during/ended", "after/raised"]
-        assert len(again.events) == len(set(again.events))
+        assert again.events == ["during/raised", "during/ended", "after/raised"]
         again.close()
     assert any("cannot be reached" in one or "connection was lost" in one for one in announced)
 
@@ -176,7 +173,7 @@ def test_the_broker_itself_says_not_monitored_when_the_run_is_killed(tmp_path, b
     with subprocess.Popen([sys.executable, "-c", code], cwd=root, env=environment) as child:
         wait_for(lambda: "MONITORED" in subscriber.statuses)
         child.send_signal(signal.SIGKILL)
-        wait_for(lambda: subscriber.statuses[-1] == "NOT MONITORED", within_s=1)
+        wait_for(lambda: subscriber.statuses[-1] == "NOT MONITORED", within_s=5)
     assert "was killed" in subscriber.heard[-1][1]["reason"]
     late = Subscriber(broker.port)
     wait_for(lambda: late.statuses == ["NOT MONITORED"])
