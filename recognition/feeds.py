@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from recognition.sources.capture import CaptureSource, open_source
 from recognition.sources.detections_file import DetectionsFile, read_detections
 from recognition.sources.synchrony import NOTABLE_SPREAD_S, SyncReport
 from recognition.sources.timing import STAMPED
+from rigcal.cores import core_count
 from rigcal.rig import Rig
 
 
@@ -157,7 +157,7 @@ def instants_of_capture(source: CaptureSource, detector: Detector) -> Iterator[I
         return ViewDetections.empty() if view is None else detector.detect(view.image_bgr)
 
     frame_sets = source.frame_sets()
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(core_count()) as pool:
         decoded = pool.submit(next, frame_sets, None)
         while (frame_set := decoded.result()) is not None:
             decoded = pool.submit(next, frame_sets, None)

@@ -26,8 +26,8 @@ import numpy as np
 from rigcal.board import Checkerboard
 from rigcal.bundle import State
 from rigcal.cache import FOLDER_VARIABLE, default_cache
+from rigcal.cores import core_count
 from rigcal.corners import Observations
-from rigcal.detect.sweep import core_count
 from rigcal.sync.network import NoTracking, Tracking, read_tracking
 from rigcal.synthetic import arc_rig, board_poses_for_pair, exact_detections
 

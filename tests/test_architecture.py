@@ -12,6 +12,7 @@ ROOT = Path(__file__).parents[1]
 ORDER = {
     "rigcal": [
         "errors",
+        "cores",
         "geometry",
         "camera",
         "board",
@@ -118,6 +119,7 @@ ORDER = {
 }
 SEEN_BY_RECOGNITION = {
     "errors",
+    "cores",
     "geometry",
     "camera",
     "rig",

@@ -1,4 +1,4 @@
-"""Prints the table of gates that stands in the README: `python tools/gates_table.py`."""
+"""Prints the table of gates that stands in rig_configs/README.md: `python tools/gates_table.py`."""
 
 from __future__ import annotations
 

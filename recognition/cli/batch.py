@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +11,7 @@ import typer
 
 from recognition.cli._app import JsonOption, app, print_json
 from recognition.cli._show import echo
+from rigcal.cores import core_count
 from rigcal.errors import OptionsError
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def _crew(jobs: int | None, dask: str | None, dask_count: int | None) -> Abstrac
         return dask_scheduler(dask)
     if dask_count is not None:
         return dask_workers(dask_count)
-    return process_pool(jobs or os.cpu_count() or 1)
+    return process_pool(jobs or core_count())
 
 
 def _orders(rules: Path | None, smooth: bool) -> Orders:

@@ -21,6 +21,7 @@ from recognition.errors import SourceError
 from recognition.live.gathering import Gathering, Numbered
 from recognition.observations import ViewDetections
 from recognition.sources.decoding import DecodedFrame
+from rigcal.cores import core_count
 
 _POLL_S = 0.2
 """How soon a stop is noticed."""
@@ -65,7 +66,7 @@ class Looking:
     def run(self) -> None:
         """Look until there is nothing more to look at, or until stopped."""
         try:
-            with ThreadPoolExecutor(_processors(), "look", _give_way) as views:
+            with ThreadPoolExecutor(core_count(), "look", _give_way) as views:
                 while not (self._stopping.is_set() or self._gathering.is_over):
                     taken = self._gathering.take(_POLL_S)
                     if taken is not None:
@@ -111,8 +112,3 @@ def _give_way() -> None:
     """Have this thread give way to those that receive, decode, place and record, where threads have priorities."""
     if sys.platform == "linux":
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
-
-
-def _processors() -> int:
-    """How many this process may use."""
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1

@@ -204,5 +204,5 @@ def _error(path: Path, what: str, *, expected: str, got: object) -> DetectionsFi
         expected=expected,
         got=got,
         do_next="write the arrays det_frame, det_view, det_kpts (and obj_frame, obj_view, obj_class, obj_xyxy, "
-        "obj_score, frame_time_s where there are any) as the README describes them",
+        "obj_score, frame_time_s where there are any) as recognition/README.md describes them",
     )

@@ -8,7 +8,6 @@ no board at all, since its other frames are chances enough.
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -24,6 +23,7 @@ import numpy as np
 from rigcal.board import AprilGrid, Board, Charuco, Checkerboard
 from rigcal.cache import DetectionCache, cache_key
 from rigcal.captures import Capture, CaptureCamera, file_sha256, read_frames, read_frames_at, read_image
+from rigcal.cores import core_count
 from rigcal.detect.checkerboards import find_checkerboard
 from rigcal.detect.found import FoundBoard, Grey
 from rigcal.detect.looks import closer_looks, first_looks
@@ -238,11 +238,6 @@ def _loaders(camera: CaptureCamera, wanted: Set[int], *, few: bool) -> Iterator[
 
 def _same(image: Grey) -> Grey:
     return image
-
-
-def core_count() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

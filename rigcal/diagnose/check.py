@@ -11,8 +11,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 from rigcal.board import AprilGrid, Checkerboard
 from rigcal.captures import Capture
+from rigcal.cores import core_count
 from rigcal.detect.markers import shows_back
-from rigcal.detect.sweep import core_count, one_thread_per_image
+from rigcal.detect.sweep import one_thread_per_image
 from rigcal.detections import SiteDetections
 from rigcal.diagnose.others import Count, other_board
 from rigcal.diagnose.sample import sample_shots

@@ -28,8 +28,8 @@ class KeypointsFileError(SyncError):
             where=path,
             expected=expected,
             got=got,
-            do_next="write the arrays det_frame, det_view, det_kpts (and frame_time_s where there are times) as the "
-            "README describes them",
+            do_next="write the arrays det_frame, det_view, det_kpts (and frame_time_s where there are times) as "
+            "recognition/README.md describes them",
         )
 
 

@@ -17,7 +17,7 @@ RIG = semicircle_rig(4)
 CAPTURE = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "recognition" / "pose2sim_multi"
 DO_NEXT = (
     "write the arrays det_frame, det_view, det_kpts (and obj_frame, obj_view, obj_class, obj_xyxy, obj_score, "
-    "frame_time_s where there are any) as the README describes them"
+    "frame_time_s where there are any) as recognition/README.md describes them"
 )
 
 

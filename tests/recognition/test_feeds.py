@@ -1,6 +1,5 @@
 """Instants to run on: frames with detections, single-camera instants, interpolation for all three kinds of input."""
 
-import os
 from threading import Barrier
 
 import cv2
@@ -14,6 +13,7 @@ from recognition.recording import Recorder, check_recording, iter_messages
 from recognition.runtime import RunOptions, run
 from recognition.sources.detections_file import write_detections
 from recognition.synthetic import semicircle_rig
+from rigcal.cores import core_count
 from rigcal.errors import BrokenFileError
 from rigcal.rigfile import document_of_rig, read_rigfile, rig_of, write_rigfile
 
@@ -196,7 +196,7 @@ def test_a_repeated_instant_is_recorded_and_is_no_scene(rig, tmp_path):
     assert check.messages["/cam0/image"] == 4
 
 
-@pytest.mark.skipif(os.cpu_count() == 1, reason="one processor looks at one view at a time")
+@pytest.mark.skipif(core_count() == 1, reason="one processor looks at one view at a time")
 def test_the_views_of_an_instant_are_looked_at_together(tmp_path, rig):
     options = FeedOptions([True, True], 10)
     feed = open_feed(rig, capture(tmp_path / "c"), None, OnlyTogether(), options)

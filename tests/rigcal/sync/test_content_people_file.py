@@ -112,8 +112,8 @@ def test_a_file_that_is_not_as_documented_is_refused(tmp_path, changes, problem,
         f"  where:    {tmp_path / 'people.npz'}\n"
         f"  expected: {expected}\n"
         f"  got:      {got}\n"
-        "  do next:  write the arrays det_frame, det_view, det_kpts (and frame_time_s where there are times) as the "
-        "README describes them"
+        "  do next:  write the arrays det_frame, det_view, det_kpts (and frame_time_s where there are times) as "
+        "recognition/README.md describes them"
     )
 
 

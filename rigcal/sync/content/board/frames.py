@@ -13,9 +13,10 @@ import numpy as np
 
 from rigcal.board import Board
 from rigcal.captures import Capture, CaptureCamera, read_frames
+from rigcal.cores import core_count
 from rigcal.detect import FoundBoard, find_board
 from rigcal.detect.found import Grey
-from rigcal.detect.sweep import core_count, one_thread_per_image
+from rigcal.detect.sweep import one_thread_per_image
 
 Progress: TypeAlias = Callable[[int, int], None]
 Boards: TypeAlias = dict[int, FoundBoard | None]
