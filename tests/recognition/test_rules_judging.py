@@ -376,8 +376,8 @@ def test_an_object_whose_keypoints_are_not_known_has_the_usual_size_of_its_kind(
         [thing(9, "large_window", [0, 0, 1])],
         "each w: exists large_window o: dist(w.hands, o.extent) < 0.20 m",
     )
-    assert truth(hands, [worker(1, 0, -0.7, hands=[0, -0.7, 1])], pane) == [True]
-    assert truth(hands, [worker(1, 0, -0.9, hands=[0, -0.9, 1])], pane) == [False]
+    for away_m, expected in ((0.6, True), (0.9, None), (1.2, False)):
+        assert truth(hands, [worker(1, 0, -away_m, hands=[0, -away_m, 1])], pane) == [expected]
 
 
 def test_a_ladder_that_stands_is_remembered_while_its_keypoints_are_hidden():
