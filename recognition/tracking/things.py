@@ -162,7 +162,7 @@ def find(
     """Predicted objects with the new ones, and the rows of the boxes (K, V) that are theirs."""
     population, middles = things.population, boxes.points(1)
     variance = population.variance[:, 0]
-    (named,) = population.track_id.nonzero()
+    (named,) = ((population.track_id > 0) & ~_spare(things)).nonzero()
     place, doubt, label = population.place_m[named, :1], variance[named, None], population.label[named]
     (bare,) = (heads.track_id[:, None] != things.owner[named]).all(axis=1).nonzero()
     hats = np.tile(heads.hat_m[bare], (len(worn), 1))[:, None]
@@ -205,6 +205,14 @@ def find(
             np.concatenate([things.scatter_m2, new.scatter_m2]),
         )
     return things.of(population), members
+
+
+def _spare(things: Things) -> Bools:
+    """(K,) hats of a head that has another hat, which cameras placed later: they go where the head goes, and would
+    claim the hats of whoever stands behind it."""
+    placed_ns, owner = things.population.placed_ns, things.owner
+    later = placed_ns > placed_ns[:, None]
+    return np.asarray(((owner == owner[:, None]) & later).any(axis=1) & (owner > 0))
 
 
 def scattered(optics: Optics, things: Things, fused: Fused, sights: Sights) -> Things:

@@ -217,6 +217,14 @@ def test_objects_have_their_keypoints_and_no_others(tmp_path):
     assert found.object_keypoints_px == pytest.approx(expected, abs=1e-3, nan_ok=True)
 
 
+@pytest.mark.parametrize(("share", "count"), [(0.7, 1), (0.8, 2)])
+def test_hats_that_share_a_seventh_of_their_union_are_one(tmp_path, share, count):
+    """One beside the other, ``share`` of its width farther: 0.3 to 1.7 and 0.2 to 1.8 of it are shared."""
+    aside = hat_px() + np.array([share, 0, share, 0]) * (hat_px()[2] - hat_px()[0])
+    detector = bundle(tmp_path, site_network([site_hat(0.95, aside)]), worker_network(hats=[HAT_IN_CROP]))
+    assert detector.detect(IMAGE).object_class == ("hard_hat",) * count
+
+
 @pytest.mark.parametrize(("score", "count"), [(0.49, 0), (0.51, 1)])
 def test_each_class_has_the_threshold_of_the_manifest(tmp_path, score, count):
     found = bundle(tmp_path, site_network([("ladder", score, *LADDER[2:])])).detect(IMAGE)

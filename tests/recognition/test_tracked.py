@@ -9,6 +9,9 @@ import pytest
 from recognition.feeds import instants_of_detections
 from recognition.metrics import Truth, score
 from recognition.observations import FrameSet, Instant, Scene, ViewDetections
+from recognition.observed import DetectorModel
+from recognition.observed import observe as observe_views
+from recognition.optics import Optics
 from recognition.placing import Placer, PlacingOptions, place_smoothed
 from recognition.poses import Poses
 from recognition.sources.detections_file import read_detections
@@ -16,6 +19,8 @@ from recognition.synthetic import Site, semicircle_rig, simulate
 from recognition.synthetic_crowds import crowd
 from recognition.synthetic_views import DetectorNoise, observe, with_noise
 from recognition.tracking.options import FollowOptions
+from recognition.tracking.population import Population
+from recognition.tracking.things import Heads, Things, find
 from rigcal.camera import Camera
 from rigcal.errors import OptionError
 from rigcal.geometry import Pose
@@ -322,6 +327,27 @@ def test_a_hat_that_is_not_detected_goes_with_its_head():
     assert hats[15][0].track_id == hats[30][0].track_id == hats[-1][0].track_id
     true = RIG.world_from_rig.inverse().apply(site.object_centre_in_world_m[30, 0])
     assert np.linalg.norm(hats[30][0].centre_m - true) < 0.08
+
+
+@pytest.mark.parametrize(("placed_ns", "claims"), [((2, 1), False), ((2, 2), True)])
+def test_a_second_hat_of_a_head_claims_nothing_once_it_is_placed_no_more(placed_ns, claims):
+    """It goes where the head goes, and the box that it would claim is the hat of whoever stands behind."""
+    optics, hat_m, second_m = Optics.of(RIG), np.array([0.0, 0.0, 1.72]), np.array([1.0, 0.0, 1.72])
+    box = np.array([-12.0, -8.0, 12.0, 8.0]) + np.tile(RIG.cameras[0].camera.project(
+        RIG.cameras[0].cam_from_rig.apply(RIG.world_from_rig.inverse().apply(second_m[None])))[0], 2)  # fmt: skip
+    nobody = np.zeros((0, 17, 2)), np.zeros((0, 17))
+    views = [ViewDetections(*nobody, ("hard_hat",), box[None], np.array([0.9]))] + [ViewDetections.empty()] * 3
+    boxes = observe_views(optics, views, {"hard_hat": 0}, DetectorModel(), keypoints=False)[1]
+    in_rig = RIG.world_from_rig.inverse().apply(np.stack([hat_m, second_m]))
+    hats = Population.at(in_rig[:, None], np.zeros(2, dtype=np.int64))
+    hats = replace(hats, track_id=np.array([3, 5]), placed_ns=np.array(placed_ns))
+    hats.motion.variance[:] = 1e-4
+    things = replace(Things.new(hats), owner=np.array([7, 7]))
+    head = Heads(
+        np.array([7]), in_rig[:1], in_rig[:1], np.array([1e-4]), np.array([0]), np.ones((1, 1, 17)) / 17, np.array([4])
+    )
+    _, members = find(optics, things, head, boxes, np.array([0]), FollowOptions(), 3)
+    assert members.tolist() == [[-1] * 4, [0 if claims else -1, -1, -1, -1]]
 
 
 def test_several_objects_of_a_class_are_told_apart_and_have_sizes():

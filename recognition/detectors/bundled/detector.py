@@ -16,8 +16,9 @@ from recognition.detectors.protocol import Boxes, ModelInfo, People
 from recognition.observations import ViewDetections
 from rigcal.geometry import Bools, Floats
 
-_SAME_HAT = 0.4
-"""Intersection over union above which two hard hats are one."""
+_SAME_HAT = 0.15
+"""Intersection over union above which two hard hats are one. In 15 validation sequences of SICSG two boxes of one hat
+overlap 289 times, in all but two by 0.1 or more, and boxes of two hats 103 times, never by as much."""
 
 
 class BundledDetector:
