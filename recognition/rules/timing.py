@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 GAP_NS = 1_000_000_000
+SLACK_NS = 5_000_000
+"""By so much a time may fall short: instants are not quite evenly spaced, and nine periods of 33.3 ms are 0.3 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +70,7 @@ class Course:
         if self.since_ns is None:
             self.since_ns, self._held_ns = t_ns, 0
         self._held_ns += passed
-        if self._held_ns >= self.durations.raise_ns:
+        if self._held_ns >= self.durations.raise_ns - SLACK_NS:
             self.is_active = True
 
     def _false(self, t_ns: int, passed: int) -> None:
@@ -78,7 +80,7 @@ class Course:
         if self._false_since_ns is None:
             self._false_since_ns = t_ns
         self._false_ns += passed
-        if self._false_ns >= self.durations.clear_ns:
+        if self._false_ns >= self.durations.clear_ns - SLACK_NS:
             self._end(self._false_since_ns)
 
     def _unknown(self, t_ns: int) -> None:

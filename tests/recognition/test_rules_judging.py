@@ -427,6 +427,14 @@ def test_it_is_raised_after_for_s_of_truth_and_ended_after_clear_s_of_falsehood(
     assert film.raised() == [("r", near(1.5), near(3.8))]
 
 
+@pytest.mark.parametrize(("step_s", "instants"), [(0.03333, 10), (0.0999, 4), (0.097, 5)])
+def test_instants_that_come_a_little_early_do_not_delay_it_by_a_whole_period(step_s, instants):
+    film = Film(rule("each w: clearance(w.feet) > 1 m", for_s=0.3), step_s=step_s)
+    for number in range(1, instants + 1):
+        film.show([worker(1, 0, 0, 1.5)])
+        assert film.last.verdicts[0].is_active is (number == instants), number
+
+
 def test_what_is_unknown_neither_raises_nor_ends():
     film = Film(rule("each w: clearance(w.feet) > 1 m", for_s=0.5, clear_s=0.3))
     up, hidden = [worker(1, 0, 0, 1.2)], [worker(1, 0, 0, 1.2, unseen=range(1, 17))]
