@@ -23,8 +23,8 @@ def assets(scenes, half):
     return set().union(*(scenes[path].assets() for path in FILES[half]))
 
 
-def test_there_are_two_halves_of_twelve(scenes):
-    assert [len(paths) for paths in FILES.values()] == [12, 12]
+def test_there_are_24_scenes_to_choose_by_and_12_sealed_ones(scenes):
+    assert {half: len(paths) for half, paths in FILES.items()} == {"validation": 24, "test": 12}
     assert all(scene.split == path.parent.name for path, scene in scenes.items())
 
 
