@@ -89,6 +89,8 @@ class Detected:
     """(N, 2) width and height of its box; 0 for people."""
     hint: Bools
     """(N + 1,) whether it counts only together with what another camera saw; true of the one that saw nothing."""
+    score: Floats
+    """(N + 1,) of objects; 0 of people, and of the one that saw nothing."""
 
     @property
     def count(self) -> int:
@@ -99,7 +101,7 @@ class Detected:
         """With the first so many points only."""
         return Detected(
             self.view, self.index, self.ends, self.label, self.factors[..., :count], self.seen[:, :count],
-            self.angle_var[:, :count], self.spread_var[:, :count], self.size_rad, self.hint,
+            self.angle_var[:, :count], self.spread_var[:, :count], self.size_rad, self.hint, self.score,
         )  # fmt: skip
 
 
@@ -129,7 +131,7 @@ def observe(
         people.view, people.index, people.ends, np.zeros(len(people.view), dtype=np.int64),
         _factors(optics, people, people_px, seen), seen,
         doubt * np.append(model.joint_px**2 * pixel_var[people.view], 1.0)[:, None], model.joint_m**2 * doubt,
-        np.zeros((len(people.view), 2)), people.of_all(_hints(views)),
+        np.zeros((len(people.view), 2)), people.of_all(_hints(views)), np.zeros(len(people.view) + 1),
     )  # fmt: skip
     return who, _objects(optics, views, labels, model, keypoints)
 
@@ -159,7 +161,7 @@ def _objects(
     return Detected(
         things.view, things.index, things.ends, numbers if things.whole else numbers[things.kept],
         _factors(optics, things, points_px, seen), seen, variance, np.zeros(seen.shape), size_rad,
-        np.arange(len(seen)) == len(seen) - 1,
+        np.arange(len(seen)) == len(seen) - 1, things.of_all(np.append(confidence, 0.0)),
     )  # fmt: skip
 
 

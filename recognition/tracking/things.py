@@ -29,6 +29,11 @@ WEARING_VIEWS = 2
 for a hat in their images; else the others outvote it. That one of two sees it is a draw, which rules can tell by
 ``visible(o)``. On 12 validation sequences of SICSG no_hat has false alarms in three with 1, in one with 2, 3 and 4;
 with 3 and 4 a violation of four seconds is missed, where dark hair passes for a hat in one camera of three."""
+SURE_SCORE = 0.7
+"""A hat that one camera sees so surely is placed by the head in any case, and is for rules neither there nor not there.
+Of heads whose hat is seen 85 % have one of this score in 17 validation sequences of SICSG, of bare heads 6 %. Without,
+somebody behind a window whose frame hides the hat from two cameras of three has none for three seconds of one of 25
+sequences; F1 of no_hat is 0.92 with it and 0.90 without, 6 and 19 safe instants are called violations."""
 WORN_EVIDENCE = 6
 """What a head says for a hat on it, in the unit of :attr:`~FollowOptions.start_object`: a hat is told at once."""
 UNKNOWN_M, UNKNOWN_M_PER_S = 0.7, 0.3
@@ -186,7 +191,7 @@ def find(
         max_parallax_var=MAX_PAIR_VAR,
     )  # fmt: skip
     free[groups.members] = False
-    few = np.tile(heads.views[bare] <= WEARING_VIEWS, len(worn))
+    few = np.tile(heads.views[bare] <= WEARING_VIEWS, len(worn)) | (boxes.score[by_head] >= SURE_SCORE).any(axis=1)
     (single,) = (few & ((by_head >= 0).sum(axis=1) == 1) & free[by_head].any(axis=1)).nonzero()
     new_place = np.full((len(several) + len(groups.members) + len(single), population.points, 3), np.nan)
     new_place[:, :1] = np.concatenate([hats[several], groups.place_m, hats[single]])
@@ -231,13 +236,13 @@ def scattered(optics: Optics, things: Things, fused: Fused, sights: Sights) -> T
     return replace(things, scatter_m2=np.where(np.isnan(told), things.scatter_m2, told))
 
 
-def settled(things: Things, fused: Fused, heads: Heads, worn: Ints, t_ns: int) -> Things:
-    """Objects after the update."""
+def settled(things: Things, fused: Fused, heads: Heads, worn: Ints, sure: Bools, t_ns: int) -> Things:
+    """Objects after the update; ``sure`` (K,) are those of which a camera is."""
     before = things.population
     views = fused.views.reshape(before.known.shape)
     owner, offset_m = _worn(before.moved(fused.motion), things, heads, worn, views[:, 0] > 0)
     on_head = owner[:, None] == heads.track_id
-    enough = np.where((on_head & (heads.views <= WEARING_VIEWS)).any(axis=1), 1, 2)
+    enough = np.where((on_head & ((heads.views <= WEARING_VIEWS) | sure[:, None])).any(axis=1), 1, 2)
     placed = views[:, 0] >= enough
     seen_now = (views > 0) & (placed | ~on_head.any(axis=1))[:, None]
     evidence = before.evidence
