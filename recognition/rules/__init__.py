@@ -43,9 +43,9 @@ centre) and ``o.bottom`` (by their boxes; of windows between that and their keyp
 where they are on it, 0.08 m above) of decks, ``o.extent``, and zones (xy).
 
 **Limits** bear a unit: ``m cm mm H m/s km/h``. ``H`` is the height of the worker whom the measure is about: the median
-over the track of what the segments of the body add up to. ``> 0.15 H exit 0.12 H`` has another limit while the
-violation lasts, which makes it harder to end (under ``not``, on the other side). There is no arithmetic and no user's
-code.
+over the track of what the segments of the body add up to, and before that between 1.5 and 2 m. ``> 0.15 H exit 0.12 H``
+has another limit while the violation lasts, which makes it harder to end (under ``not``, on the other side). There is
+no arithmetic and no user's code.
 
 **Predicates.** ``visible(w.head)``: two cameras see it now, else unknown; ``visible(w.crown)``: so would they see a hat
 on the head, all of which their images hold, else unknown; ``inside(w.feet, pit)``; ``mounted(o)``.

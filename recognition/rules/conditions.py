@@ -24,6 +24,9 @@ from recognition.rules.zones import Zone
 
 SEEN_BY = 2
 """Cameras that place a point; what fewer see is not ``visible``."""
+ADULT_M = 1.5, 2.0
+"""So tall, at least and at most, is a worker who was not measured yet. On 25 validation sequences of SICSG 19 safe
+instants are called a lone carrier's with it, 22 where such limits are unknown; 119 and 117 of 155 others are found."""
 MOUNTED_M = 0.25
 """All corners of a window that is mounted are nearer than this to its opening."""
 _BARELY = 1e-12
@@ -58,24 +61,27 @@ class Compare:
     """In which the rule states it."""
     text: str
 
-    def limit_now(self, now: Frame) -> float:
-        """In metres or metres per second; NaN where the height is not known yet."""
+    def limits_now(self, now: Frame) -> tuple[float, float]:
+        """In metres or metres per second, at least and at most: the same, unless the height was not measured yet."""
         limit = self.leave if now.is_active else self.limit
-        if self.height_of is not None:
-            limit *= now.actors[self.height_of].height_m
-        return limit
+        if self.height_of is None:
+            return limit, limit
+        height_m = now.actors[self.height_of].height_m
+        if isnan(height_m):
+            return limit * ADULT_M[0], limit * ADULT_M[1]
+        return limit * height_m, limit * height_m
 
     def margin(self, now: Frame) -> float:
         """By which share of the limit it holds."""
         least, most = self.term.between(now)
-        limit = self.limit_now(now)
+        low, high = self.limits_now(now)
         if self.is_below:
-            if most < limit:
-                return min((limit - most) / limit, _FULLY)
-            return max((limit - least) / limit, -_FULLY) or -_BARELY if least >= limit else nan
-        if least > limit:
-            return min((least - limit) / limit, _FULLY)
-        return max((most - limit) / limit, -_FULLY) or -_BARELY if most <= limit else nan
+            if most < low:
+                return min((low - most) / low, _FULLY)
+            return max((high - least) / high, -_FULLY) or -_BARELY if least >= high else nan
+        if least > high:
+            return min((least - high) / high, _FULLY)
+        return max((most - low) / low, -_FULLY) or -_BARELY if most <= low else nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -117,12 +117,12 @@ def _counted(condition: Some | SomeOwn | Number, now: Frame) -> str:
 def _comparison(condition: Compare, now: Frame) -> str:
     least, most = condition.term.between(now)
     unit = "m/s" if isinstance(condition.term, Speed) else "m"
-    limit = condition.limit_now(now)
-    bound = "its limit is unknown: the worker's height was not measured yet" if isnan(limit) else ""
-    if not bound:
-        share = condition.leave if now.is_active else condition.limit
-        of_height = f" ({share:g} H)" if condition.height_of is not None else ""
-        bound = f"limit {limit:.3g} {unit}{of_height}"
+    low, high = condition.limits_now(now)
+    share = condition.leave if now.is_active else condition.limit
+    of_height = "" if condition.height_of is None else f" ({share:g} H)"
+    bound = f"limit {low:.3g} {unit}{of_height}"
+    if low < high:
+        bound = f"limit {low:.3g} to {high:.3g} {unit} ({share:g} H; the worker was not measured yet)"
     unsure = list(dict.fromkeys(_unsure(condition.term, now)))
     return "; ".join([_amount(least, most, unit), bound, *unsure])
 

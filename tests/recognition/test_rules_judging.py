@@ -357,6 +357,16 @@ def test_a_crown_is_above_the_head_along_the_body_and_somewhere_around_a_head_al
         assert truth(f"each w: exists cone o: dist(w.crown, o) < {limit} m", head_alone, cone) == [expected]
 
 
+def test_who_was_not_measured_yet_is_an_adult():
+    """Head and arms alone give no height: 0.25 H is 0.375 to 0.5 m."""
+    hands = [worker(1, 0, 0, hands=[0, 0, 1.2], unseen=(5, 6, 11, 12, 13, 14, 15, 16))]
+    film = Film(rule("each w: exists cone o: dist(w.left_wrist, o) < 0.25 H"))
+    for away_m, expected in ((0.36, True), (0.4, None), (0.6, False)):
+        assert film.show(hands, [thing(5, "cone", [0, away_m, 1.2])]).truths() == [expected]
+    (found,) = film.watch.judge.explain("r")[0].why.parts
+    assert found.detail.endswith("limit 0.375 to 0.5 m (0.25 H; the worker was not measured yet)")
+
+
 def test_one_missing_keypoint_is_completed_and_without_two_a_ladder_is_taken_to_stand_upright():
     when = "each w: exists ladder l: dist(w.feet, l.axis, xy) < 0.25 H"
     climber = [worker(1, 0, 0.35, 1.0)]

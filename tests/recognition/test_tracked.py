@@ -300,14 +300,25 @@ def bare(view):
     )  # fmt: skip
 
 
+def scored(view: ViewDetections, score: float) -> ViewDetections:
+    """The view, its objects as sure as this."""
+    return replace(view, object_score=np.full(len(view.object_class), score))
+
+
 @pytest.mark.parametrize(
-    ("cameras", "with_hat", "told"), [(4, 2, [2]), (3, 2, [2]), (2, 2, [2]), (2, 1, [1]), (3, 1, []), (4, 1, [])]
-)
-def test_a_hat_is_told_soon_unless_cameras_that_see_the_head_outvote_the_one_that_sees_it(cameras, with_hat, told):
+    ("cameras", "with_hat", "score", "told"),
+    [
+        (4, 2, 0.6, [2]), (3, 2, 0.6, [2]), (2, 2, 0.6, [2]), (2, 1, 0.6, [1]), (3, 1, 0.69, []), (4, 1, 0.69, []),
+        (3, 1, 0.71, [1]), (4, 1, 0.71, [1]),
+    ],
+)  # fmt: skip
+def test_a_hat_is_told_soon_unless_cameras_that_see_the_head_outvote_one_that_is_not_sure(
+    cameras, with_hat, score, told
+):
     site = simulate(RIG, workers=1, frames=34, seed=7)
     views = [
         [
-            ViewDetections.empty() if v >= cameras else bare(view) if f < 30 or v >= with_hat else view
+            ViewDetections.empty() if v >= cameras else bare(view) if f < 30 or v >= with_hat else scored(view, score)
             for v, view in enumerate(views_of(site, f))
         ]
         for f in range(34)
