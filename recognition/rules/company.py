@@ -25,8 +25,9 @@ from rigcal.rig import Rig
 
 Member: TypeAlias = Person | Thing
 
-LOST_S = 5.0
-"""How long a worker who is not seen any more may still be there: twice what a track survives."""
+LOST_S = 2.0
+"""How long a worker who is not seen any more may still be there. On 25 validation sequences of SICSG a lone carrier is
+told at 129 of 155 instants with it, at 119 with 5 s, and at 19 safe ones with both; at 137 and 26 with 1 s."""
 NEAR_M, PACE_M_PER_S = 0.3, 2.0
 """Within the first, and a walk at the second, of where it was, a worker who was lost still is."""
 SUCCESSOR_M, SUCCESSOR_M_PER_S, SUCCESSOR_MOST_M = 0.5, 1.5, 2.5

@@ -85,7 +85,7 @@ def test_a_rule_is_said_in_sentences():
         "the violation lasts), and the distance in height from the right ankle of w to the top of p is below 0.20 m "
         "(0.22 m while the violation lasts).",
         "Raised after 0.15 s (alarm); ended when it has not been so for 0.15 s; what cannot be told leaves it as it "
-        "is, for 10 s at most.",
+        "is, for 2 s at most.",
     ]
     code, output = told("explain", SITE, "--rule", "ladder")
     assert code == 0
