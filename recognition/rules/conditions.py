@@ -24,9 +24,6 @@ from recognition.rules.zones import Zone
 
 SEEN_BY = 2
 """Cameras that place a point; what fewer see is not ``visible``."""
-ADULT_M = 1.5, 2.0
-"""So tall, at least and at most, is a worker who was not measured yet. On 25 validation sequences of SICSG 19 safe
-instants are called a lone carrier's with it, 22 where such limits are unknown; 119 and 117 of 155 others are found."""
 MOUNTED_M = 0.25
 """All corners of a window that is mounted are nearer than this to its opening."""
 _BARELY = 1e-12
@@ -68,7 +65,8 @@ class Compare:
             return limit, limit
         height_m = now.actors[self.height_of].height_m
         if isnan(height_m):
-            return limit * ADULT_M[0], limit * ADULT_M[1]
+            low_m, high_m = now.company.adult_m
+            return limit * low_m, limit * high_m
         return limit * height_m, limit * height_m
 
     def margin(self, now: Frame) -> float:

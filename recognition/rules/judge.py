@@ -11,7 +11,7 @@ from typing import TypeAlias
 from recognition.errors import RigRefusedError
 from recognition.observations import Scene
 from recognition.rules.cast import Key
-from recognition.rules.company import Company, Member, Present
+from recognition.rules.company import ADULT_M, Company, Member, Present
 from recognition.rules.conditions import involved
 from recognition.rules.explaining import Explanation, explained
 from recognition.rules.ruleset import Rule, RuleSet
@@ -44,11 +44,16 @@ class _Binding:
 class Judge:
     """Judges scenes in order of time; same rules, rig and scenes: the same verdicts.
 
+    Args:
+        rules: The rules.
+        rig: Of the scenes.
+        adult_m: How tall whoever was not measured yet is, at least and at most.
+
     Raises:
         RigRefusedError: where a rule needs the floor or the vertical, and the rig has no world frame.
     """
 
-    def __init__(self, rules: RuleSet, rig: Rig) -> None:
+    def __init__(self, rules: RuleSet, rig: Rig, *, adult_m: tuple[float, float] = ADULT_M) -> None:
         if rules.needs_floor and rig.world_from_rig is None:
             name, text = rules.needs_floor[0]
             raise RigRefusedError(
@@ -61,7 +66,7 @@ class Judge:
         self.rules = rules
         classes = {name: rules.classes[name] for rule in rules.rules for name in rule.checked.classes}
         timed = {pair for rule in rules.rules for pair in rule.checked.timed}
-        self._company = Company(classes, timed, rig)
+        self._company = Company(classes, timed, rig, adult_m)
         self._variables = max(rule.checked.variables for rule in rules.rules)
         self._books: list[tuple[Rule, Durations, dict[_Keys, _Binding]]] = [
             (rule, _durations(rule), {}) for rule in rules.rules

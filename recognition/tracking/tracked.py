@@ -104,7 +104,7 @@ class Follower:
         firm = np.asarray((~met.who.hint[met.theirs]).any(axis=1))
         workers, limbs = people.settled(met.workers, by_joint, state.limbs, firm, t_ns)
         things = objects.scattered(self.optics, met.things, by_point, sights.after(count))
-        sure = (met.what.score[met.its] >= objects.SURE_SCORE).any(axis=1)
+        sure = np.asarray((met.what.score[met.its] >= objects.SURE_SCORE).any(axis=1))
         things = objects.settled(things, by_point, met.heads.at(workers), worn, sure, t_ns)
         workers, next_id = _named(workers, self.options.start_worker, state.next_id)
         population, next_id = _named(things.population, self.options.start_object, next_id)

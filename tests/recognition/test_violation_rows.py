@@ -23,9 +23,9 @@ from recognition.evaluation.violations import (
     rows_of,
     seen_with,
 )
-from recognition.evaluation.violations.flat import single_frame_truth
+from recognition.evaluation.violations.flat import flat_judge, single_frame_truth
 from recognition.observations import ViewDetections
-from recognition.rules import Judge, parse_rules
+from recognition.rules import parse_rules
 from recognition.synthetic import semicircle_rig, walking
 
 NO_HAT = KINDS.index("no_hat")
@@ -54,7 +54,7 @@ def picture(hat_m, *, scale=100.0, joints=range(17)):
 
 
 def said(view, kinds=KINDS):
-    judge = Judge(parse_rules(PAPER, "paper"), semicircle_rig())
+    judge = flat_judge(parse_rules(PAPER, "paper"), semicircle_rig())
     return single_frame_truth(judge, flat_scene(view, index=0, t_ns=0), kinds)
 
 

@@ -8,12 +8,15 @@ the image, and H is the worker's height in pixels, of the same segments as in 3D
 
 from __future__ import annotations
 
+from math import inf
+
 import numpy as np
 
 from recognition.errors import DatasetError
 from recognition.observations import ObjectTrack, Scene, ViewDetections, WorkerTrack
 from recognition.rules import Judge, RuleSet
 from rigcal.geometry import Floats
+from rigcal.rig import Rig
 
 _BODY_M = 1.5
 """From the head to the ankles. It sets how many pixels are called a metre, which matters to no distance in H, only to
@@ -83,6 +86,11 @@ def _pixels_per_m(people_px: Floats) -> float:
     spans = [float(np.ptp(known)) for row in y if len(known := row[np.isfinite(row)]) > 1]
     tallest = max(spans, default=0.0)
     return tallest / _BODY_M if tallest > 0 else _PIXELS_PER_M
+
+
+def flat_judge(rules: RuleSet, rig: Rig) -> Judge:
+    """A judge of pictures: in them nobody is an adult's height, and whose body is not seen has none."""
+    return Judge(rules, rig, adult_m=(0.0, inf))
 
 
 def single_frame_truth(judge: Judge, scene: Scene, kinds: tuple[str, ...]) -> list[bool | None]:

@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from recognition.errors import DatasetError
-from recognition.evaluation.violations.flat import flat_scene, require_flat, single_frame_truth
+from recognition.evaluation.violations.flat import flat_judge, flat_scene, require_flat, single_frame_truth
 from recognition.evaluation.violations.recorded import ObservedSequence
 from recognition.evaluation.violations.truth import KINDS, SceneTruth
 from recognition.monitoring import judged
@@ -158,7 +158,7 @@ def _single(method: Method, sequence: ObservedSequence, rules: Rules, use: Use) 
     for instant in seen_with(sequence.instants, use):
         t_ns = instant.frame_set.t_ns
         scene = flat_scene(instant.common[view], index=instant.frame_set.index, t_ns=t_ns)
-        truths = single_frame_truth(Judge(rules.paper, rig), scene, KINDS)
+        truths = single_frame_truth(flat_judge(rules.paper, rig), scene, KINDS)
         for course, truth in zip(courses, truths, strict=True):
             course.step(t_ns, truth)
         filtered = [course.is_active for course in courses]
