@@ -51,7 +51,7 @@ def webhook(server: HttpServer, *, name="room", timeout_s=0.3, more="") -> str:
     return f'[[webhooks]]\nname = "{name}"\nurl = "{server.url}"\ntimeout_s = {timeout_s}\n{more}\n'
 
 
-def wait_for(is_so, *, within_s=20.0) -> None:
+def wait_for(is_so, *, within_s=5.0) -> None:
     until_s = time.monotonic() + within_s
     while not is_so():
         assert time.monotonic() < until_s, "it did not happen in time"

@@ -175,11 +175,11 @@ def test_a_change_of_status_is_told_at_once_and_the_end_is_not_monitored(tmp_pat
     with started(tmp_path, server) as alarms:
         wait_for(lambda: server.beats)
         alarms.heartbeat("MONITORED", "", T0)
-        wait_for(lambda: server.beats[-1]["status"] == "MONITORED", within_s=5)
+        wait_for(lambda: server.beats[-1]["status"] == "MONITORED", within_s=1)
         alarms.heartbeat("NOT MONITORED", "0 of 4 cameras", T0)
-        wait_for(lambda: server.beats[-1]["status"] == "NOT MONITORED", within_s=5)
+        wait_for(lambda: server.beats[-1]["status"] == "NOT MONITORED", within_s=1)
         alarms.heartbeat("DEGRADED", "2 of 4 cameras", T0)
-        wait_for(lambda: server.beats[-1]["status"] == "DEGRADED", within_s=5)
+        wait_for(lambda: server.beats[-1]["status"] == "DEGRADED", within_s=1)
     told = [(one["status"], one["reason"]) for one in server.beats]
     assert told == [
         ("NOT MONITORED", "the run has started and has no result yet"),
@@ -197,7 +197,7 @@ def test_a_run_that_falls_silent_is_not_monitored(tmp_path, server):
         wait_for(lambda: server.beats and server.beats[-1]["reason"] == "the run has said nothing for 0.2 s")
         assert server.beats[-1]["status"] == "NOT MONITORED"
         alarms.heartbeat("MONITORED", "", T0)
-        wait_for(lambda: server.beats[-1]["status"] == "MONITORED", within_s=5)
+        wait_for(lambda: server.beats[-1]["status"] == "MONITORED", within_s=1)
 
 
 def test_a_run_that_fails_says_so(tmp_path, server):
@@ -234,7 +234,7 @@ def test_targets_do_not_hold_each_other_up(tmp_path, server):
         options = options_of(tmp_path, webhook(other, name="slow") + webhook(server))
         with Alarms(options, tmp_path / "run.mcap", announce=Announcements(), retry=QUICK) as alarms:
             alarms.raise_(event())
-            wait_for(lambda: server.events == ["e1/raised"])
+            wait_for(lambda: server.events == ["e1/raised"], within_s=1)
             wait_for(lambda: [(one.name, one.waiting) for one in alarms.status] == [("slow", 1), ("room", 0)])
     finally:
         other.close()
