@@ -112,7 +112,7 @@ class Company:
         classes: Of the objects that rules speak about, with their shapes.
         timed: Kinds (``worker`` or a class) and points whose speed is asked for.
         rig: Where nothing is known of the floor, everything stays in the rig frame.
-        adult_m: How tall whoever was not measured yet is, at least and at most.
+        adult_m: How tall whoever was not measured yet is, at least and at most; NaN: nothing is known of it.
     """
 
     def __init__(

@@ -64,10 +64,8 @@ class Compare:
         if self.height_of is None:
             return limit, limit
         height_m = now.actors[self.height_of].height_m
-        if isnan(height_m):
-            low_m, high_m = now.company.adult_m
-            return limit * low_m, limit * high_m
-        return limit * height_m, limit * height_m
+        low_m, high_m = now.company.adult_m if isnan(height_m) else (height_m, height_m)
+        return limit * low_m, limit * high_m
 
     def margin(self, now: Frame) -> float:
         """By which share of the limit it holds."""

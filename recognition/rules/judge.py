@@ -47,7 +47,7 @@ class Judge:
     Args:
         rules: The rules.
         rig: Of the scenes.
-        adult_m: How tall whoever was not measured yet is, at least and at most.
+        adult_m: How tall whoever was not measured yet is, at least and at most; NaN: nothing is known of it.
 
     Raises:
         RigRefusedError: where a rule needs the floor or the vertical, and the rig has no world frame.

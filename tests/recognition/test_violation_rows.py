@@ -70,6 +70,25 @@ def test_a_picture_without_the_workers_body_leaves_it_unknown_and_without_anybod
     assert said(ViewDetections.empty()) == [False] * 4
 
 
+@pytest.mark.parametrize("sign", ["<", ">"])
+def test_a_distance_of_nothing_is_no_share_of_a_height_that_is_not_known(sign):
+    text = f"""format = "recognition.rules"
+version = 1
+name = "eyes"
+[[rules]]
+name = "no_hat"
+sentence = "an eye and the nose"
+when = "each w: dist(w.nose, w.left_eye) {sign} 0.25 H"
+"""
+    seen = picture(0.4, joints=range(5))
+    together = seen.people_px.copy()
+    together[0, 1] = together[0, 0]
+    judge = flat_judge(parse_rules(text, "eyes"), semicircle_rig())
+    assert single_frame_truth(judge, flat_scene(replace(seen, people_px=together), index=0, t_ns=0), ("no_hat",)) == [
+        None
+    ]
+
+
 def test_a_picture_does_not_show_who_is_only_a_hint():
     seen = picture(0.3 * 1.75)
     assert said(seen)[NO_HAT] is True

@@ -8,7 +8,7 @@ the image, and H is the worker's height in pixels, of the same segments as in 3D
 
 from __future__ import annotations
 
-from math import inf
+from math import nan
 
 import numpy as np
 
@@ -90,7 +90,7 @@ def _pixels_per_m(people_px: Floats) -> float:
 
 def flat_judge(rules: RuleSet, rig: Rig) -> Judge:
     """A judge of pictures: in them nobody is an adult's height, and whose body is not seen has none."""
-    return Judge(rules, rig, adult_m=(0.0, inf))
+    return Judge(rules, rig, adult_m=(nan, nan))
 
 
 def single_frame_truth(judge: Judge, scene: Scene, kinds: tuple[str, ...]) -> list[bool | None]:
